@@ -103,8 +103,8 @@ inline Error at(const std::string& place, const Error& error) {
 }  // namespace scree
 
 /// The value of a Result. If it is an Error, the function that contains this returns it: `const auto map =
-/// SCREE_TRY(open(path));`, or `SCREE_TRY(check(map));` for a Result<void>. Not within another SCREE_TRY. Uses
-/// statement expressions, which GCC and Clang have.
+/// SCREE_TRY(open(path));`, or `SCREE_TRY(check(map));` for a Result<void>. Not within another SCREE_TRY, nor within a
+/// try block of a .cu file, on which nvcc 13.0 crashes. Uses statement expressions, which GCC and Clang have.
 #define SCREE_TRY(...) SCREE_TRY_OR_RETURN(scree_result.error(), __VA_ARGS__)
 
 /// The same; the returned Error begins with `place`, which is evaluated only then.

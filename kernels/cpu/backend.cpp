@@ -227,9 +227,9 @@ Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::
 
 Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* peeled,
                             uint32_t threads) {
-  const Result<FrameStats> done =
-      draw_into(scene, view, {at.drawn, at.sample_count}, peeled, false, threads, best_instruction_set(), QueueSizes{});
-  return done ? Result<void>() : done.error();
+  SCREE_TRY(draw_into(scene, view, {at.drawn, at.sample_count}, peeled, false, threads, best_instruction_set(),
+                      QueueSizes{}));
+  return {};
 }
 
 Result<void> check_resolve(const View& view, uint32_t samples_per_side) {

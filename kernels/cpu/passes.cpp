@@ -63,13 +63,10 @@ void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uin
   CpuBackend backend(pool);
   const PixelTiles tiles{view.width / side, 0, view.height / side};
   const ShadeInputs in = make_shade_inputs(SceneView{}, view, options, nullptr, &srgb, nullptr);
-  if (over != nullptr) {
-    const BlendedColors shader{in, colors, over};
-    backend.for_each(tiles.count(), Resolve<BlendedColors>{shader, tiles, samples, side, visibility, channels, pixels});
-    return;
-  }
-  const StoredColors shader{in, colors};
-  backend.for_each(tiles.count(), Resolve<StoredColors>{shader, tiles, samples, side, visibility, channels, pixels});
+  const auto run = [&]<class Shader>(const Shader& shader) {
+    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, visibility, channels, pixels});
+  };
+  over != nullptr ? run(BlendedColors{{in, colors}, over}) : run(StoredColors{in, colors});
 }
 
 void begin_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {

@@ -173,13 +173,7 @@ struct RasterBlocks {
     constexpr int32_t kFewSamples = 8;
     if (max_of(box.x1 - box.x0, box.y1 - box.y0) >= kFewSamples)
       return culling.pyramid.codes != nullptr && is_occluded_by_pyramid(culling.pyramid, kPyramidFirstLevel, bounds);
-    for (int32_t y = box.y0; y <= box.y1; ++y) {
-      const uint64_t* const row = small.target.row(y);
-      for (int32_t x = box.x0; x <= box.x1; ++x) {
-        if (sample_depth_code(team.load_relaxed(row + x)) >= bounds.nearest_code) return false;
-      }
-    }
-    return true;
+    return is_occluded_now(team, small.target, bounds);
   }
 };
 

@@ -26,9 +26,7 @@ __global__ void __launch_bounds__(kPixelThreads) run_blend(const __grid_constant
 
 template <class Pass>
 Result<void> start(const Pass& pass, uint32_t count, cudaStream_t stream) {
-  constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
-  run_blend<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-  return cuda_check(cudaGetLastError(), "starting a pass of blending");
+  return start_items(run_blend<Pass>, pass, count, stream, "starting a pass of blending");
 }
 
 /// Sorts the fragments of every sample by their words, removes repeated ones, and puts kBackground behind the last if a
@@ -126,8 +124,8 @@ struct CudaBlend::Impl {
 
   Result<void> fit(const View& view, const uint64_t* opaque) {
     const uint64_t count = uint64_t{view.width} * view.height;
-    Result<void> done = samples.grow(2 * count + 1, "allocating the layers of blended surfaces");
-    if (done) done = floats.grow(8 * count, "allocating the layers of blended surfaces");
+    SCREE_TRY(samples.grow(2 * count + 1, "allocating the layers of blended surfaces"));
+    SCREE_TRY(floats.grow(8 * count, "allocating the layers of blended surfaces"));
     at = {static_cast<uint32_t>(count),
           opaque,
           samples.data() + 1,
@@ -135,7 +133,7 @@ struct CudaBlend::Impl {
           floats.data() + 4 * count,
           floats.data() + 7 * count,
           floats.data()};
-    return done;
+    return {};
   }
 
   /// The slots that fit fragment_room, or none; then the layers are drawn one by one.
@@ -155,10 +153,9 @@ struct CudaBlend::Impl {
   Result<uint64_t> end_layer() {
     uint64_t* const count = samples.data();
     uint64_t shown = 0;
-    Result<void> done = cuda_check(cudaMemsetAsync(count, 0, sizeof shown, nullptr), "clearing a layer's count");
-    if (done) done = start(EndLayer{at, count}, blend_items(at.sample_count), nullptr);
-    if (done) done = cuda_check(cudaMemcpy(&shown, count, sizeof shown, cudaMemcpyDeviceToHost), "drawing a layer");
-    if (!done) return done.error();
+    SCREE_TRY(cuda_check(cudaMemsetAsync(count, 0, sizeof shown, nullptr), "clearing a layer's count"));
+    SCREE_TRY(start(EndLayer{at, count}, blend_items(at.sample_count), nullptr));
+    SCREE_TRY(cuda_check(cudaMemcpy(&shown, count, sizeof shown, cudaMemcpyDeviceToHost), "drawing a layer"));
     return shown;
   }
 
@@ -166,25 +163,22 @@ struct CudaBlend::Impl {
   Result<bool> draw_slots(const View& view, const FragmentSlots& slots, uint32_t most, const FragmentSource& source,
                           BlendCounts& counts) {
     auto* const device_counts = reinterpret_cast<SlotCounts*>(words.data());
-    Result<void> done = cuda_check(cudaMemsetAsync(device_counts, 0, sizeof(SlotCounts), nullptr), "clearing counts");
-    if (done)
-      done = cuda_check(cudaMemsetAsync(slots.counts, 0, slots.sample_count * sizeof(uint32_t), nullptr),
-                        "clearing the counts of fragments");
-    if (done) done = source.draw(slots);
-    if (done) done = start(SortFragments{slots, most, at.over, device_counts}, blend_items(at.sample_count), nullptr);
+    SCREE_TRY(cuda_check(cudaMemsetAsync(device_counts, 0, sizeof(SlotCounts), nullptr), "clearing counts"));
+    SCREE_TRY(cuda_check(cudaMemsetAsync(slots.counts, 0, slots.sample_count * sizeof(uint32_t), nullptr),
+                         "clearing the counts of fragments"));
+    SCREE_TRY(source.draw(slots));
+    SCREE_TRY(start(SortFragments{slots, most, at.over, device_counts}, blend_items(at.sample_count), nullptr));
     SlotCounts found;
     const auto read_counts = [&] {
       return cuda_check(cudaMemcpy(&found, device_counts, sizeof found, cudaMemcpyDeviceToHost), "drawing the layers");
     };
-    if (done) done = read_counts();
-    if (!done) return done.error();
+    SCREE_TRY(read_counts());
     const uint32_t layers = std::min(most, found.deepest);
-    for (uint32_t slot = 0; done && slot < layers; ++slot) {
-      done = source.shade(slots.words + slot * slots.sample_count, at.colors);
-      if (done) done = lay_slot(view, slots, slot, most, source, device_counts);
+    for (uint32_t slot = 0; slot < layers; ++slot) {
+      SCREE_TRY(source.shade(slots.words + slot * slots.sample_count, at.colors));
+      SCREE_TRY(lay_slot(view, slots, slot, most, source, device_counts));
     }
-    if (done) done = read_counts();
-    if (!done) return done.error();
+    SCREE_TRY(read_counts());
     if (layers != 0) counts.layers = 1;
     while (counts.layers < layers && found.shown[counts.layers] != 0) ++counts.layers;
     if (most < slots.slot_count) counts.samples_left_out = found.shown[most];
@@ -219,24 +213,22 @@ float* CudaBlend::colors() const {
 Result<const float*> CudaBlend::blend(const View& view, const uint64_t* samples, uint32_t most,
                                       const LayerSource& source, BlendCounts& counts, const FragmentSource* fragments) {
   counts = {};
-  if (Result<void> checked = check_frame(view, 0); !checked) return checked.error();
-  if (Result<void> done = impl_->fit(view, samples); !done) return done.error();
+  SCREE_TRY(check_frame(view, 0));
+  SCREE_TRY(impl_->fit(view, samples));
   const BlendTargets& at = impl_->at;
   const uint32_t items = blend_items(at.sample_count);
   const FragmentSlots slots = fragments != nullptr ? impl_->fit_slots() : FragmentSlots{};
   if (slots.counts != nullptr) {
-    const Result<bool> has_more = impl_->draw_slots(view, slots, most, *fragments, counts);
-    if (!has_more) return has_more.error();
-    if (!*has_more) return static_cast<const float*>(at.over);
+    const bool has_more = SCREE_TRY(impl_->draw_slots(view, slots, most, *fragments, counts));
+    if (!has_more) return static_cast<const float*>(at.over);
   }
   BlendCounts others;
-  const Result<void> done = draw_layers(
+  SCREE_TRY(draw_layers(
       at, most, source, others,
       [&](bool is_first) {
         return start(BeginLayer{at, is_first, slots}, items, nullptr);
       },
-      [&] { return impl_->end_layer(); }, [&] { return start(LayUnder{at}, items, nullptr); });
-  if (!done) return done.error();
+      [&] { return impl_->end_layer(); }, [&] { return start(LayUnder{at}, items, nullptr); }));
   counts.layers = std::max(counts.layers, others.layers);
   counts.samples_left_out += others.samples_left_out;
   return static_cast<const float*>(at.over);

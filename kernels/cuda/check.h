@@ -1,4 +1,4 @@
-// CUDA calls as Results, and device memory that frees itself.
+// CUDA calls as Results, and memory, streams and events of CUDA that free themselves.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,6 +11,10 @@
 
 #include "format/bytes.h"
 #include "format/result.h"
+
+#ifdef __NVCC__
+#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
+#endif
 
 namespace scree::kernels {
 
@@ -28,6 +32,41 @@ void load_kernel(void (*kernel)(Parameters...)) {
   (void)cuda_check(cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(kernel)), "loading a kernel");
 }
 
+/// Owns a stream or an event, once it is made.
+template <class Handle, cudaError_t (*kDestroy)(Handle)>
+class OwnedHandle {
+ public:
+  OwnedHandle() = default;
+  OwnedHandle(OwnedHandle&& other) noexcept : handle_(std::exchange(other.handle_, nullptr)) {}
+  OwnedHandle& operator=(OwnedHandle&&) = delete;
+  ~OwnedHandle() {
+    if (handle_ != nullptr) (void)kDestroy(handle_);
+  }
+
+  operator Handle() const { return handle_; }  // null before make()
+
+ protected:
+  Handle handle_ = nullptr;
+};
+
+/// On the device that is current when it is made.
+class DeviceStream : public OwnedHandle<cudaStream_t, cudaStreamDestroy> {
+ public:
+  /// Errors kDevice.
+  Result<void> make(unsigned flags = cudaStreamDefault, int priority = 0) {
+    return cuda_check(cudaStreamCreateWithPriority(&handle_, flags, priority), "making a stream");
+  }
+};
+
+/// Likewise.
+class DeviceEvent : public OwnedHandle<cudaEvent_t, cudaEventDestroy> {
+ public:
+  /// Errors kDevice.
+  Result<void> make(unsigned flags = cudaEventDefault) {
+    return cuda_check(cudaEventCreateWithFlags(&handle_, flags), "making an event");
+  }
+};
+
 /// Owns a cudaMalloc() allocation.
 class DeviceBuffer {
  public:
@@ -43,7 +82,7 @@ class DeviceBuffer {
 
   static Result<DeviceBuffer> allocate(uint64_t bytes, const char* what) {
     DeviceBuffer buffer;
-    if (Result<void> done = cuda_check(cudaMalloc(&buffer.data_, bytes), what); !done) return done.error();
+    SCREE_TRY(cuda_check(cudaMalloc(&buffer.data_, bytes), what));
     buffer.bytes_ = bytes;
     return Result<DeviceBuffer>(std::move(buffer));
   }
@@ -51,10 +90,8 @@ class DeviceBuffer {
   /// Makes room for at least `bytes`; loses the contents if it has to grow. Errors kDevice.
   Result<void> reserve(uint64_t bytes, const char* what) {
     if (bytes_ >= bytes) return {};
-    if (Result<void> freed = release(what); !freed) return freed;  // before the larger allocation
-    Result<DeviceBuffer> larger = allocate(bytes, what);
-    if (!larger) return larger.error();
-    *this = std::move(*larger);
+    SCREE_TRY(release(what));  // before the larger allocation
+    *this = SCREE_TRY(allocate(bytes, what));
     return {};
   }
 

@@ -329,8 +329,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     for (uint32_t left = __ballot_sync(~0u, kept != 0); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const uint32_t lanes = __shfl_sync(~0u, kept, owner);
-      const uint64_t slot =
-          __shfl_sync(~0u, first_slot, owner) + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+      const uint64_t slot = __shfl_sync(~0u, first_slot, owner) + rank_among(lanes);
       const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
       const uint32_t of_draw = __shfl_sync(~0u, draw_number, owner);
       if ((lanes >> lane & 1) != 0 && slot < cull.list.item_capacity) cull.list.items[slot] = {of_draw, cluster};

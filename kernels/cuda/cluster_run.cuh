@@ -137,18 +137,6 @@ struct ClusterPrediction {
   }
 };
 
-/// Whether a box lies behind the current picture.
-__device__ inline bool is_occluded_now(const Target& target, const ScreenBounds& bounds) {
-  const PixelBox& box = bounds.pixels;
-  for (int32_t y = box.y0; y <= box.y1; ++y) {
-    const uint64_t* const row = target.samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(target.width);
-    for (int32_t x = box.x0; x <= box.x1; ++x) {
-      if (bounds.nearest_code <= sample_depth_code(WarpTeam::load_relaxed(row + x))) return false;
-    }
-  }
-  return true;
-}
-
 /// Compacts into `run` the items [first, first + count) that are not behind the current picture, and returns their
 /// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples per side are not tested and are kept.
 template <bool kOrthographic>
@@ -167,14 +155,14 @@ __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t f
         bound_on_screen<kOrthographic>(draw.filter, view, center_range(view), box, on_screen) == BoxCoverage::kCenters;
     const PixelBox& pixels = on_screen.pixels;
     if (shows && max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0) < kMostSamples)
-      shows = !is_occluded_now(frame.small.target, on_screen);
+      shows = !is_occluded_now(WarpTeam{}, frame.small.target, on_screen);
     if (!shows) {  // so that pass 1 of the next frame does not draw it
       atomicAnd(frame.list.hints + draw.hint_offset + item.cluster / format::kGroupClusters,
                 ~(1u << item.cluster % format::kGroupClusters));
     }
   }
   const uint32_t shown = __ballot_sync(~0u, shows);
-  if (shows) shared.run[__popc(shown & ((1u << lane) - 1))].item = first + lane;
+  if (shows) shared.run[rank_among(shown)].item = first + lane;
   return static_cast<uint32_t>(__popc(shown));
 }
 

@@ -25,12 +25,8 @@ __global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ Scene
         low = fminf(low, positions[3 * v + static_cast<uint64_t>(axis)]);
         high = fmaxf(high, positions[3 * v + static_cast<uint64_t>(axis)]);
       }
-      for (uint32_t distance = kWarpLanes / 2; distance != 0; distance /= 2) {
-        low = fminf(low, __shfl_xor_sync(~0u, low, distance));
-        high = fmaxf(high, __shfl_xor_sync(~0u, high, distance));
-      }
-      box.min[axis] = low;
-      box.max[axis] = high;
+      box.min[axis] = join_lanes(low, [](float a, float b) { return fminf(a, b); });
+      box.max[axis] = join_lanes(high, [](float a, float b) { return fmaxf(a, b); });
     }
     if (lane == 0) bounds[i] = box;
   }
@@ -105,7 +101,7 @@ __global__ void __launch_bounds__(kCullThreads)
   uint32_t base = 0;
   if (lane == leader) base = atomicAdd(list.visible_count + mesh_number, static_cast<uint32_t>(__popc(peers)));
   base = __shfl_sync(peers, base, static_cast<int>(leader));
-  const uint32_t rank = static_cast<uint32_t>(__popc(peers & ((1u << lane) - 1)));
+  const uint32_t rank = rank_among(peers);
   list.visible[list.mesh_first[mesh_number] + base + rank] = number;
 }
 

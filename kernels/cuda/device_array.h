@@ -10,8 +10,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/math.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 
 /// Device memory for `count` values, or none.
@@ -21,15 +19,14 @@ class DeviceArray {
   /// Loses the contents. Errors kDevice.
   Result<void> allocate(uint64_t count, const char* what) {
     count_ = 0;
-    if (Result<void> done = buffer_.release("freeing device memory"); !done) return done;
-    Result<DeviceBuffer> made = DeviceBuffer::allocate(max_of<uint64_t>(count, 1) * sizeof(T), what);
-    if (!made) return made.error();
-    buffer_ = std::move(*made);
+    SCREE_TRY(buffer_.release("freeing device memory"));
+    buffer_ = SCREE_TRY(DeviceBuffer::allocate(max_of<uint64_t>(count, 1) * sizeof(T), what));
     count_ = count;
     return {};
   }
   Result<void> fill(const std::vector<T>& values, const char* what) {
-    if (Result<void> done = allocate(values.size(), what); !done || values.empty()) return done;
+    SCREE_TRY(allocate(values.size(), what));
+    if (values.empty()) return {};
     return cuda_check(cudaMemcpy(data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), what);
   }
   /// Makes room for at least `count` values; loses the contents if it grows.

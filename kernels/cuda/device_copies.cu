@@ -3,8 +3,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/device_copies.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 
@@ -42,7 +40,7 @@ Result<void> copy_on_device(std::span<const DeviceCopy> copies, cudaStream_t str
     for (uint64_t done = 0; done < copy.bytes; done += kMostBytes) {
       pieces.piece[pieces.count++] = {copy.from + done, copy.to + done, std::min(copy.bytes - done, kMostBytes)};
       if (pieces.count < kMostPieces) continue;
-      if (Result<void> launched = launch(); !launched) return launched;
+      SCREE_TRY(launch());
     }
   }
   return pieces.count != 0 ? launch() : Result<void>();

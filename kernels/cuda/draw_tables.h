@@ -32,18 +32,22 @@ struct CandidateCounts {
   uint64_t cluster_groups = 0;  // their groups of clusters, counted per instance
 };
 
-/// The tables of a scene's draw list, and the features that its passes need.
-struct DrawTables : CandidateCounts {
+/// The features of a scene that its passes need.
+struct DrawTraits : CandidateCounts {
+  bool has_lattice = false;
+  bool has_float32 = false;
+  bool has_instances = false;  // a mesh is drawn more than once
+  SceneBox box;
+};
+
+/// The tables of a scene's draw list.
+struct DrawTables : DrawTraits {
   std::vector<uint32_t> order;
   std::vector<uint32_t> mesh_first;
   std::vector<CandidateDraw> candidates;
   std::vector<CandidateDraw> cluster_candidates;  // clustered chunks
   std::vector<ClusterChunk> cluster_chunks;       // as in ClusterList; empty if no chunk is clustered
   std::vector<uint64_t> hint_offset;
-  bool has_lattice = false;
-  bool has_float32 = false;
-  bool has_instances = false;  // a mesh is drawn more than once
-  SceneBox box;
 };
 
 CandidateCounts count_candidates(const SceneView& scene);

@@ -1,7 +1,7 @@
 // Stage 1 of clusters where they are few: a block per cluster, so that the whole GPU works on them.
 #pragma once
 
-#include "kernels/cuda/cluster.cuh"
+#include "kernels/cuda/cluster_survivor.cuh"
 
 namespace scree::kernels {
 
@@ -35,8 +35,10 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
   __shared__ ScreenVertex vertices[format::kMaxClusterVertices];
   __shared__ SetUpTriangles set_up_triangles[kClusterWarps];
   [[maybe_unused]] ClusterWaiting* const masks = block_masks<kAlpha>();
-  const auto new_mask = [&] { return lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; }); };
-  if constexpr (kAlpha != Alpha::kOpaque) new_mask().begin(*masks);
+  const auto new_mask = [&] {
+    return lane_mask<kAlpha>(ClusterPlanes{&frame}, [&]() -> ClusterWaiting& { return *masks; });
+  };
+  if constexpr (kAlpha != Alpha::kOpaque) masks->begin();
   FrameCounters& counters = *frame.small.list.counters;
   const FrameView& view = frame.small.view;
   const uint32_t thread = threadIdx.x;

@@ -14,8 +14,6 @@
 #include "format/result.h"
 #include "kernels/cuda/check.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 
 /// A CUDA graph of kernels that is made once. As long as frames have as many kernels in the same order, only kernels
@@ -130,20 +128,21 @@ class CudaGraph {
   Result<void> make() {
     close();
     constexpr const char* kWhat = "recording a frame";
-    Result<void> done = cuda_check(cudaGraphCreate(&graph_, 0), kWhat);
-    for (uint32_t i = 0; i < count_ && done; ++i) {
+    is_reshaped_ = true;  // until it is made
+    SCREE_TRY(cuda_check(cudaGraphCreate(&graph_, 0), kWhat));
+    for (uint32_t i = 0; i < count_; ++i) {
       cudaGraphNode_t before[kMostNodes];
       size_t before_count = 0;
       for (uint32_t k = 0; k < i; ++k)
         if ((nodes_[i].after >> k & 1) != 0) before[before_count++] = nodes_[k].node;
       const cudaKernelNodeParams parameters = nodes_[i].parameters();
-      done = cuda_check(cudaGraphAddKernelNode(&nodes_[i].node, graph_, before, before_count, &parameters), kWhat);
+      SCREE_TRY(cuda_check(cudaGraphAddKernelNode(&nodes_[i].node, graph_, before, before_count, &parameters), kWhat));
       nodes_[i].is_changed = false;
     }
-    if (done) done = cuda_check(cudaGraphInstantiate(&exec_, graph_, 0), kWhat);
+    SCREE_TRY(cuda_check(cudaGraphInstantiate(&exec_, graph_, 0), kWhat));
     made_ = count_;
-    is_reshaped_ = !done;
-    return done;
+    is_reshaped_ = false;
+    return {};
   }
 
   void close() {
@@ -159,7 +158,7 @@ class CudaGraph {
   std::array<uint32_t, kBranches> ends_{};  // of each branch: the nodes after which the next one runs
   uint32_t count_ = 0;                      // of this frame
   uint32_t made_ = 0;                       // of the graph
-  bool is_reshaped_ = false;                // whether this frame's nodes are connected otherwise
+  bool is_reshaped_ = false;                // this frame's nodes are not connected like the graph's
 };
 
 }  // namespace scree::kernels

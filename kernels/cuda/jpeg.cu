@@ -8,8 +8,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/warp.cuh"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 

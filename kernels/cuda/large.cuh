@@ -108,7 +108,7 @@ __device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t 
     tiles.tile(base + lane, x, y);
     const bool touches = base + lane < tiles.count() && test.may_cover(x, y);
     const uint32_t lanes = __ballot_sync(~0u, touches);
-    const uint64_t slot = next + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+    const uint64_t slot = next + rank_among(lanes);
     next += static_cast<uint32_t>(__popc(lanes));
     const bool kept = slot < queues.tile_capacity;
     if (touches && kept) {

@@ -2,7 +2,6 @@
 
 #include <cuda_runtime.h>
 
-#include "kernels/cuda/check.h"
 #include "kernels/cuda/pixels.cuh"
 #include "kernels/shade/layers.h"
 
@@ -19,16 +18,13 @@ __global__ void run_layer(const __grid_constant__ Pass pass, uint32_t count) {
 
 Result<void> start_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                           const Transform* transforms, const LayerTargets& out, cudaStream_t stream) {
-  if (Result<void> checked = check_resolve(view, samples_per_side); !checked) return checked;
-  cudaError_t status = cudaSuccess;
-  run_layers(
-      scene, view, samples_per_side, samples, transforms, out, [&]<class Pass>(const Pass& pass, uint32_t count) {
-        if (status != cudaSuccess || count == 0) return;
-        constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
-        run_layer<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-        status = cudaGetLastError();
-      });
-  return cuda_check(status, "starting to make a layer");
+  SCREE_TRY(check_resolve(view, samples_per_side));
+  Result<void> done;
+  run_layers(scene, view, samples_per_side, samples, transforms, out,
+             [&]<class Pass>(const Pass& pass, uint32_t count) {
+               if (done) done = start_items(run_layer<Pass>, pass, count, stream, "starting to make a layer");
+             });
+  return done;
 }
 
 }  // namespace scree::kernels

@@ -3,8 +3,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/least_samples.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 

@@ -26,6 +26,12 @@ struct WaitingSamples {
   uint32_t triangle_count;
   uint32_t sample_count;
   uint8_t owner[kMostSamples];  // index in `triangles`
+
+  /// Empties it, once before the warp draws.
+  __device__ void begin() {
+    if (threadIdx.x % kWarpLanes == 0) triangle_count = sample_count = 0;
+    __syncwarp();
+  }
 };
 
 /// The value of lane `lane`, for every lane of a full warp.
@@ -94,7 +100,7 @@ struct WarpPlane {
     const uint32_t lanes = __ballot_sync(~0u, is_nearer);
     if (lanes == 0) return;
     if (is_nearer) {
-      const uint32_t at = *count + static_cast<uint32_t>(__popc(lanes & ((1u << threadIdx.x % kWarpLanes) - 1)));
+      const uint32_t at = *count + rank_among(lanes);
       waiting->drawn[at] = value;
       waiting->place[at] = static_cast<uint32_t>(y) << 16 | static_cast<uint32_t>(x);
       waiting->plane[at] = static_cast<uint8_t>(plane);
@@ -130,14 +136,8 @@ struct LaneMask {
   Key key;             // of the lane's triangle
   bool waits = false;  // whether its samples are tested: it has a mask, or the view a clipping box
 
-  /// `warp`: after begin(). `maker`: the same in all lanes.
+  /// `warp`: after its begin(). `maker`: the same in all lanes.
   __device__ LaneMask(WaitingSamples<Key>& warp, const Planes& maker) : planes(maker), shared(&warp) {}
-
-  /// Empties the warp's memory, once before it draws.
-  __device__ static void begin(WaitingSamples<Key>& warp) {
-    if (threadIdx.x % kWarpLanes == 0) warp.triangle_count = warp.sample_count = 0;
-    __syncwarp();
-  }
 
   /// Sets the lane's triangle. Returns Triangle::is_masked.
   __device__ uint32_t find(const SceneView& scene, uint32_t chunk, const Key& of) {
@@ -230,8 +230,15 @@ struct ChunkPlanes {
 /// A warp's shared memory for masks in kernels that do not draw clusters directly.
 using WarpMasks = WaitingSamples<ChunkTriangle>;
 
-template <Alpha kAlpha>
-using LaneMaskOf =
-    std::conditional_t<kAlpha == Alpha::kOpaque, NoLaneMask, LaneMask<ChunkPlanes, kAlpha == Alpha::kBlended>>;
+/// The tests of the lane's triangle. `waiting()`: returns the warp's shared memory; called only in builds that test
+/// masks.
+template <Alpha kAlpha, class Planes, class Waiting>
+__device__ inline auto lane_mask(const Planes& planes, const Waiting& waiting) {
+  if constexpr (kAlpha != Alpha::kOpaque) {
+    return LaneMask<Planes, kAlpha == Alpha::kBlended>(waiting(), planes);
+  } else {
+    return NoLaneMask{};
+  }
+}
 
 }  // namespace scree::kernels

@@ -10,9 +10,15 @@
 
 #include "kernels/cuda/check.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
+
+/// Lets blocks of `kernel` have `bytes` of dynamic shared memory. Errors kDevice.
+template <class... Arguments>
+Result<void> allow_shared(void (*kernel)(Arguments...), size_t bytes) {
+  return cuda_check(cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel),
+                                         cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes)),
+                    "asking for shared memory");
+}
 
 /// The grids of kernels whose warps take work until none is left: as many blocks as the current device holds at once
 /// with the kernel's registers and shared memory (cudaOccupancy). So no warp's share waits for a block that starts
@@ -22,16 +28,11 @@ class ResidentBlocks {
   /// Errors kDevice.
   Result<void> open() {
     int device = 0;
-    Result<void> done = cuda_check(cudaGetDevice(&device), "asking for the device");
-    if (done) {
-      done = cuda_check(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, device),
-                        "asking for multiprocessors");
-    }
-    if (done) {
-      done = cuda_check(cudaDeviceGetAttribute(&threads_, cudaDevAttrMaxThreadsPerMultiProcessor, device),
-                        "asking for threads of a multiprocessor");
-    }
-    return done;
+    SCREE_TRY(cuda_check(cudaGetDevice(&device), "asking for the device"));
+    SCREE_TRY(cuda_check(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, device),
+                         "asking for multiprocessors"));
+    return cuda_check(cudaDeviceGetAttribute(&threads_, cudaDevAttrMaxThreadsPerMultiProcessor, device),
+                      "asking for threads of a multiprocessor");
   }
 
   uint32_t multiprocessors() const { return static_cast<uint32_t>(multiprocessors_); }

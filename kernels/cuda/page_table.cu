@@ -2,8 +2,6 @@
 
 #include "kernels/cuda/page_table.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 
@@ -25,8 +23,8 @@ Result<void> CudaPageTable::open(const SceneView& device, uint64_t page_count) {
 
 Result<void> CudaPageTable::set(std::span<const Entry> entries) {
   const char* const what = "listing the chunks of a batch";
-  Result<void> done = cuda_check(cudaMemsetAsync(pages_, 0, page_count_ * sizeof *pages_, nullptr), what);
-  if (!done || entries.empty()) return done;
+  SCREE_TRY(cuda_check(cudaMemsetAsync(pages_, 0, page_count_ * sizeof *pages_, nullptr), what));
+  if (entries.empty()) return {};
   auto* const pinned = reinterpret_cast<Entry*>(entries_.data());
   std::copy(entries.begin(), entries.end(), pinned);
   const uint64_t blocks = (entries.size() - 1) / kThreads + 1;

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 
+#include "kernels/cuda/check.h"
 #include "kernels/math.h"
 
 namespace scree::kernels {
@@ -25,5 +26,15 @@ struct PixelTeam {
   __device__ static void atomic_min(uint32_t* place, uint32_t value) { atomicMin(place, value); }
   __device__ static void atomic_max(uint32_t* place, uint32_t value) { atomicMax(place, value); }
 };
+
+/// Queues a pass on `stream`, with a warp per item. Errors kDevice, with `what`.
+template <class Pass>
+Result<void> start_items(void (*kernel)(Pass, uint32_t), const Pass& pass, uint32_t count, cudaStream_t stream,
+                         const char* what) {
+  if (count == 0) return {};
+  constexpr uint32_t kItemsPerBlock = kPixelThreads / PixelTeam::size();
+  kernel<<<(count - 1) / kItemsPerBlock + 1, kPixelThreads, 0, stream>>>(pass, count);
+  return cuda_check(cudaGetLastError(), what);
+}
 
 }  // namespace scree::kernels

@@ -31,13 +31,12 @@ struct FrameQueues {
     constexpr const char* kWhat = "allocating the queues; --backend cpu draws without them";
     // Indices into them are 32-bit numbers.
     constexpr uint64_t kMost = UINT32_MAX;
-    Result<void> done = triangles.medium.grow(wanted.medium, kWhat);
-    if (done) done = triangles.large.grow(min_of(wanted.large, kMost), kWhat);
-    if (done) done = items.grow(min_of(wanted.clusters, kMost), kWhat);
-    if (done) done = to_clip.grow(wanted.to_clip, kWhat);
-    if (done) done = clipped.medium.grow(wanted.clipped, kWhat);
-    if (done) done = clipped.large.grow(min_of(wanted.clipped, kMost), kWhat);
-    return done;
+    SCREE_TRY(triangles.medium.grow(wanted.medium, kWhat));
+    SCREE_TRY(triangles.large.grow(min_of(wanted.large, kMost), kWhat));
+    SCREE_TRY(items.grow(min_of(wanted.clusters, kMost), kWhat));
+    SCREE_TRY(to_clip.grow(wanted.to_clip, kWhat));
+    SCREE_TRY(clipped.medium.grow(wanted.clipped, kWhat));
+    return clipped.large.grow(min_of(wanted.clipped, kMost), kWhat);
   }
 
   /// The sizes that the frame needed. Queues that overflowed get 1 / `part` on top, unless `part` is 0.

@@ -63,103 +63,80 @@ __global__ void clear_depth_range(DepthRange* range) {
 struct CudaResolver::Impl {
   enum Event { kStart, kShading, kEnd, kEventCount };
 
-  ~Impl() {
-    (void)cudaFree(tables);
-    for (cudaEvent_t event : events)
-      if (event != nullptr) (void)cudaEventDestroy(event);
+  Result<void> open() {
+    if (tables.data() != nullptr) return {};
+    DeviceBuffer made =
+        SCREE_TRY(DeviceBuffer::allocate(kRangeOffset + sizeof(DepthRange), "allocating the tables of sRGB"));
+    SCREE_TRY(cuda_check(cudaMemcpy(made.data(), &srgb_tables(), sizeof(SrgbTables), cudaMemcpyHostToDevice),
+                         "copying the tables of sRGB"));
+    tables = std::move(made);
+    return {};
+  }
+  const SrgbTables* srgb() const { return reinterpret_cast<const SrgbTables*>(tables.data()); }
+  DepthRange* depth_range() const { return reinterpret_cast<DepthRange*>(tables.data() + kRangeOffset); }
+
+  Result<void> record(Event event, cudaStream_t stream) {
+    if (events[event] == nullptr) SCREE_TRY(events[event].make());
+    return cuda_check(cudaEventRecord(events[event], stream), "recording a time");
   }
 
-  bool check(cudaError_t status, const char* what) {
-    const Result<void> done = cuda_check(status, what);
-    if (!done) error = done.error();
-    return static_cast<bool>(done);
-  }
-
-  /// If the buffer grows, cudaFree waits for the stream's earlier work with it.
-  bool reserve(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
-    const Result<void> done = buffer.reserve(bytes, what);
-    if (!done) error = done.error();
-    return static_cast<bool>(done);
-  }
-
-  /// The tables of sRGB, followed by the range of depths.
-  bool open() {
-    if (tables != nullptr) return true;
-    void* memory = nullptr;
-    if (!check(cudaMalloc(&memory, kRangeOffset + sizeof(DepthRange)), "allocating the tables of sRGB")) return false;
-    tables = static_cast<SrgbTables*>(memory);
-    return check(cudaMemcpy(tables, &srgb_tables(), sizeof *tables, cudaMemcpyHostToDevice),
-                 "copying the tables of sRGB");
-  }
-  DepthRange* depth_range() {
-    return reinterpret_cast<DepthRange*>(reinterpret_cast<std::byte*>(tables) + kRangeOffset);
-  }
-
-  bool record(Event event, cudaStream_t stream) {
-    if (events[event] == nullptr && !check(cudaEventCreate(&events[event]), "making an event")) return false;
-    return check(cudaEventRecord(events[event], stream), "recording a time");
-  }
-
-  bool elapsed(Event from, Event to, float& ms) {
-    return check(cudaEventElapsedTime(&ms, events[from], events[to]), "reading a time");
+  Result<void> elapsed(Event from, Event to, float& ms) const {
+    return cuda_check(cudaEventElapsedTime(&ms, events[from], events[to]), "reading a time");
   }
 
   template <class Pass>
-  bool run(const Pass& pass, uint32_t count, cudaStream_t stream) {
-    if (count == 0) return true;
-    constexpr uint32_t kItemsPerBlock = kPixelThreads / 32;
-    run_pixels<Pass><<<(count + kItemsPerBlock - 1) / kItemsPerBlock, kPixelThreads, 0, stream>>>(pass, count);
-    return check(cudaGetLastError(), "starting a pass of the resolve");
+  static Result<void> run(const Pass& pass, uint32_t count, cudaStream_t stream) {
+    return start_items(run_pixels<Pass>, pass, count, stream, "starting a pass of the resolve");
   }
 
-  /// The steps before shading a picture of side * side samples per pixel. `visibility` stays null if `options` requests
-  /// no occlusion.
-  Result<void> begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
-                     cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
-    if (Result<void> checked = check_resolve(view, side); !checked) return checked;
-    if (!open() || !find_occlusion(view, side, samples, options, stream, times, visibility)) return error;
-    return {};
-  }
-
-  bool find_occlusion(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
-                      cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
-    if (times != nullptr && !record(kStart, stream)) return false;
+  /// The steps before shading a picture of side * side samples per pixel. Returns the factors of the pixels' light, or
+  /// null if `options` requests no occlusion. If buffers grow, cudaFree waits for the stream's earlier work with them.
+  Result<const float*> begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
+                             cudaStream_t stream, const ResolveTimes* times) {
+    SCREE_TRY(check_resolve(view, side));
+    SCREE_TRY(open());
+    if (times != nullptr) SCREE_TRY(record(kStart, stream));
+    const float* visibility = nullptr;
     if (options.ssao || options.edl) {
       const uint64_t count = uint64_t{view.width / side} * (view.height / side);
-      if (!reserve(occlusion, 3 * count * sizeof(float), "allocating the occlusion")) return false;
+      SCREE_TRY(occlusion.reserve(3 * count * sizeof(float), "allocating the occlusion"));
       auto* const depth = reinterpret_cast<float*>(occlusion.data());
       visibility = depth + 2 * count;
-      bool started = true;
+      Result<void> started;
       run_occlusion(view, side, samples, options, depth, depth + count, depth + 2 * count,
-                    [&](const auto& pass, uint32_t items) { started = started && run(pass, items, stream); });
-      if (!started) return false;
+                    [&](const auto& pass, uint32_t items) {
+                      if (started) started = run(pass, items, stream);
+                    });
+      if (!started) return started.error();
     }
-    return times == nullptr || record(kShading, stream);
+    if (times != nullptr) SCREE_TRY(record(kShading, stream));
+    return visibility;
   }
 
   /// `transforms` of `view` if they are null.
-  bool make_transforms(const SceneView& scene, const View& view, const Transform*& made, cudaStream_t stream) {
-    if (made != nullptr) return true;
-    if (!reserve(transforms, scene.instance_count * sizeof(Transform), "allocating transforms")) return false;
+  Result<void> make_transforms(const SceneView& scene, const View& view, const Transform*& made, cudaStream_t stream) {
+    if (made != nullptr) return {};
+    SCREE_TRY(transforms.reserve(scene.instance_count * sizeof(Transform), "allocating transforms"));
     auto* const all = reinterpret_cast<Transform*>(transforms.data());
     made = all;
     return run(MakeTransforms{scene, make_frame_view(view), all},
                static_cast<uint32_t>((scene.instance_count + 31) / 32), stream);
   }
 
-  bool end(cudaStream_t stream, ResolveTimes* times) {
-    if (times == nullptr) return true;
-    return record(kEnd, stream) && check(cudaEventSynchronize(events[kEnd]), "resolving") &&
-           elapsed(kStart, kShading, times->occlusion_ms) && elapsed(kShading, kEnd, times->resolve_ms);
+  Result<void> end(cudaStream_t stream, ResolveTimes* times) {
+    if (times == nullptr) return {};
+    SCREE_TRY(record(kEnd, stream));
+    SCREE_TRY(cuda_check(cudaEventSynchronize(events[kEnd]), "resolving"));
+    SCREE_TRY(elapsed(kStart, kShading, times->occlusion_ms));
+    return elapsed(kShading, kEnd, times->resolve_ms);
   }
 
   static constexpr uint64_t kRangeOffset = (sizeof(SrgbTables) + 15) & ~uint64_t{15};
 
-  SrgbTables* tables = nullptr;
+  DeviceBuffer tables;  // of sRGB, followed by the range of depths
   DeviceBuffer transforms;
   DeviceBuffer occlusion;  // three floats per pixel: depth, obscurance, visibility
-  cudaEvent_t events[kEventCount] = {};
-  Error error{ErrorCode::kDevice, ""};
+  DeviceEvent events[kEventCount];
 };
 
 CudaResolver::CudaResolver() : impl_(std::make_unique<Impl>()) {}
@@ -172,39 +149,33 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
                                    uint32_t* pixels, cudaStream_t stream, ResolveTimes* times, CudaTextureCache* cache,
                                    std::span<const RowRange> rows) {
   Impl& impl = *impl_;
-  const float* visibility = nullptr;
-  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
-    return begun;
+  const float* const visibility = SCREE_TRY(impl.begin(view, samples_per_side, samples, options, stream, times));
   const uint32_t width = view.width / samples_per_side;
-
-  if (!impl.make_transforms(scene, view, transforms, stream)) return impl.error;
+  SCREE_TRY(impl.make_transforms(scene, view, transforms, stream));
   if (options.show == Show::kDepth) {
     clear_depth_range<<<1, 1, 0, stream>>>(impl.depth_range());
-    if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
-    if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
+    SCREE_TRY(cuda_check(cudaGetLastError(), "clearing the range of depths"));
+    SCREE_TRY(impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream));
   }
-  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range());
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.srgb(), impl.depth_range());
   const RowRange all{0, view.height / samples_per_side};
   if (rows.empty()) rows = {&all, 1};
   for (const RowRange& range : rows) {
     const PixelTiles band{width, range.first, range.end - range.first};
     uint32_t* const out = pixels + uint64_t{range.first} * width;
     if (cache != nullptr && options.show == Show::kTexture) {
-      Result<void> done = cache->resolve(inputs, band, samples, samples_per_side, visibility, out, stream);
-      if (!done) return done;
+      SCREE_TRY(cache->resolve(inputs, band, samples, samples_per_side, visibility, out, stream));
       continue;
     }
-    bool started = false;
+    Result<void> started;
     visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
       started = impl.run(
           Resolve<Shader>{shader, band, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(out)},
           band.count(), stream);
     });
-    if (!started) return impl.error;
+    if (!started) return started;
   }
-
-  if (!impl.end(stream, times)) return impl.error;
-  return {};
+  return impl.end(stream, times);
 }
 
 void CudaResolver::load(const SceneView& scene, uint32_t samples_per_side, const ShadeOptions& options,
@@ -219,39 +190,35 @@ void CudaResolver::load(const SceneView& scene, uint32_t samples_per_side, const
 Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
                                       const Transform* transforms, const ShadeOptions& options, float* colors,
                                       cudaStream_t stream, CudaTextureCache* cache) {
-  if (Result<void> checked = check_frame(view, 0); !checked) return checked;
+  SCREE_TRY(check_frame(view, 0));
   Impl& impl = *impl_;
-  if (!impl.open() || !impl.make_transforms(scene, view, transforms, stream)) return impl.error;
+  SCREE_TRY(impl.open());
+  SCREE_TRY(impl.make_transforms(scene, view, transforms, stream));
   const PixelTiles tiles{view.width, 0, view.height};
-  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
+  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.srgb(), nullptr);
   if (cache != nullptr && options.show == Show::kTexture)
     return cache->shade_part(inputs, tiles, samples, colors, stream);
-  bool started = false;
+  Result<void> started;
   visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
     started = impl.run(ShadePart<Shader>{shader, tiles, samples, colors}, tiles.count(), stream);
   });
-  if (!started) return impl.error;
-  return {};
+  return started;
 }
 
 Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples,
                                           const float* colors, const float* over, const ShadeOptions& options,
                                           uint32_t* pixels, cudaStream_t stream, ResolveTimes* times) {
   Impl& impl = *impl_;
-  const float* visibility = nullptr;
-  if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
-    return begun;
+  const float* const visibility = SCREE_TRY(impl.begin(view, samples_per_side, samples, options, stream, times));
   const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
-  const ShadeInputs in = make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr);
+  const ShadeInputs in = make_shade_inputs(SceneView{}, view, options, nullptr, impl.srgb(), nullptr);
   const auto run = [&]<class Shader>(const Shader& shader) {
     return impl.run(
         Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)},
         tiles.count(), stream);
   };
-  if (!(over != nullptr ? run(BlendedColors{in, colors, over}) : run(StoredColors{in, colors})) ||
-      !impl.end(stream, times))
-    return impl.error;
-  return {};
+  SCREE_TRY(over != nullptr ? run(BlendedColors{{in, colors}, over}) : run(StoredColors{in, colors}));
+  return impl.end(stream, times);
 }
 
 }  // namespace scree::kernels

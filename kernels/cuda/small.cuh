@@ -151,12 +151,8 @@ __device__ inline WarpMasks& small_masks() {
 }
 
 template <bool kInstanced, Alpha kAlpha>
-__device__ inline LaneMaskOf<kAlpha> small_mask(const SmallFrame& frame) {
-  if constexpr (kAlpha != Alpha::kOpaque) {
-    return {small_masks<kInstanced>(), ChunkPlanes{&frame.scene, &frame.view}};
-  } else {
-    return {};
-  }
+__device__ inline auto small_mask(const SmallFrame& frame) {
+  return lane_mask<kAlpha>(ChunkPlanes{&frame.scene, &frame.view}, small_masks<kInstanced>);
 }
 
 /// Pixel `inside` of the box of a triangle. False where the triangle does not cover it; else `drawn` is the sample,
@@ -438,7 +434,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
       const uint32_t lanes = __ballot_sync(~0u, survives);
       if (lanes != 0) {
         if (survives) {
-          const uint32_t slot = at.survivor_count + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+          const uint32_t slot = at.survivor_count + rank_among(lanes);
           shared.survivors[slot] = triangle;
           if (kInstanced) shared.survivor_instance[slot] = static_cast<uint8_t>(at.instance);
         }
@@ -462,7 +458,7 @@ class SmallWarp {
   __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
 
   __device__ void run() {
-    if constexpr (kAlpha != Alpha::kOpaque) LaneMaskOf<kAlpha>::begin(small_masks<kInstanced>());
+    if constexpr (kAlpha != Alpha::kOpaque) small_masks<kInstanced>().begin();
     const uint64_t packed = frame_.list.counters->instanced_draws;
     const auto draw_count = static_cast<uint32_t>(packed >> kWorkBits);
     const uint64_t total = packed & kWorkMask;

@@ -72,7 +72,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
     WarpTeam::add(&counters.clusters_tested, tested);
     first = WarpTeam::add(&counters.clusters[in.cull.pass], static_cast<uint64_t>(__popc(lanes)));
   }
-  const uint64_t slot = __shfl_sync(~0u, first, 0) + static_cast<uint32_t>(__popc(lanes & ((1u << lane) - 1)));
+  const uint64_t slot = __shfl_sync(~0u, first, 0) + rank_among(lanes);
   if (kept && slot < in.cull.list.item_capacity) in.cull.list.items[slot] = {number, cluster};
   if (lane == 0 && lanes != 0) in.cull.list.draws[number] = draw;
 }

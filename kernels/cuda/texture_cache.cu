@@ -15,16 +15,15 @@
 #include "kernels/shade/stored_colors.h"
 #include "kernels/shade/texel_pager.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 
 constexpr uint32_t kRoundThreads = 256;
-constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 64 registers per thread; more spills, less waiting
-constexpr uint32_t kListedColumns = 8;   // of tiles, per block
+constexpr uint32_t kResidentBlocks =
+    4;                                  // per multiprocessor: 64 registers per thread, which spills more but waits less
+constexpr uint32_t kListedColumns = 8;  // of tiles, per block
 constexpr uint32_t kListedRows = 4;
-constexpr uint32_t kListedTiles = kListedColumns * kListedRows;  // a lane of the first warp lists the tile of each warp
+constexpr uint32_t kListedTiles = kListedColumns * kListedRows;  // a warp each; the first warp lists them, a lane each
 constexpr uint32_t kListThreads = 32 * kListedTiles;
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
@@ -133,56 +132,51 @@ CacheLayout lay_out(uint32_t slots, const JpegGroups& groups) {
 struct CudaTextureCache::Impl {
   /// `before`: as for shade_round(). `is_first`: of the first round, which may shade all tiles.
   template <class Pixels>
-  bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, bool is_first,
-           cudaStream_t stream) {
+  Result<void> run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, bool is_first,
+                   cudaStream_t stream) const {
     constexpr uint32_t kTilesPerBlock = kRoundThreads / 32;
     const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
     const uint32_t blocks = is_first ? all : std::min(all, multiprocessors * kResidentBlocks);
     shade_round<Pixels><<<blocks, kRoundThreads, 0, stream>>>(round, tiles, before);
-    return check(cudaGetLastError(), "starting a round of shading");
-  }
-
-  bool check(cudaError_t status, const char* what) {
-    const Result<void> done = cuda_check(status, what);
-    if (!done) error = done.error();
-    return static_cast<bool>(done);
+    return cuda_check(cudaGetLastError(), "starting a round of shading");
   }
 
   /// Makes room for two lists of the tiles of a picture.
-  bool reserve(uint32_t tiles) {
-    const Result<void> done =
-        lists.reserve(uint64_t{2} * tiles * sizeof(UnfinishedTile), "allocating the lists of tiles");
-    if (!done) error = done.error();
+  Result<void> reserve(uint32_t tiles) {
     list_room = tiles;
-    return static_cast<bool>(done);
+    return lists.reserve(uint64_t{2} * tiles * sizeof(UnfinishedTile), "allocating the lists of tiles");
   }
 
-  bool clear(cudaStream_t stream) {
-    constexpr const char* kWhat = "clearing the texture cache";
+  Result<void> clear(cudaStream_t stream) {
+    const auto fill = [stream](void* at, int value, uint64_t bytes) {
+      return cuda_check(cudaMemsetAsync(at, value, bytes, stream), "clearing the texture cache");
+    };
     const uint64_t ways = uint64_t{TextureCache::kWays} * cache.set_count;
     static_assert(TextureCache::kAbsent == 0 && TextureCache::kNoKey == ~uint64_t{0} &&
                   TextureCache::kNever == ~uint32_t{0});
     now = 1;
-    is_clean = check(cudaMemsetAsync(cache.places, 0, group_count, stream), kWhat) &&
-               check(cudaMemsetAsync(cache.keys, 0xff, ways * sizeof(uint64_t), stream), kWhat) &&
-               check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
-               check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
-               check(cudaMemsetAsync(counters, 0, kCounters * sizeof(RoundCounters), stream), kWhat);
-    return is_clean;
+    is_clean = false;
+    SCREE_TRY(fill(cache.places, 0, group_count));
+    SCREE_TRY(fill(cache.keys, 0xff, ways * sizeof(uint64_t)));
+    SCREE_TRY(fill(cache.stamps, 0xff, ways * sizeof(uint32_t)));
+    SCREE_TRY(fill(cache.stamps, 0, cache.slot_count * sizeof(uint32_t)));
+    SCREE_TRY(fill(counters, 0, kCounters * sizeof(RoundCounters)));
+    is_clean = true;
+    return {};
   }
 
   /// `pixels_of(shader)`: returns the Resolve or the ShadePart that finishes the pixels of `tiles`. `background`: of
   /// these tiles; null to shade all. `kApart`: as for visit_kinds().
   template <bool kApart, class PixelsOf>
-  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const BackgroundTiles* background,
-             const PixelsOf& pixels_of, cudaStream_t stream);
+  Result<void> shade(const ShadeInputs& in, const PixelTiles& tiles, const BackgroundTiles* background,
+                     const PixelsOf& pixels_of, cudaStream_t stream);
 
   /// Queues shading of `count` tiles: list(1), or if `all` is set every tile, with `background` as for shade(). Where
   /// pages may be missing, list(0) then has the tiles with pixels that lacked some, and the counters of last_round()
   /// their number.
   template <bool kApart, class PixelsOf>
-  bool shade_tiles(const ShadeInputs& in, const BackgroundTiles* background, const PixelsOf& pixels_of, uint32_t count,
-                   bool all, cudaStream_t stream);
+  Result<void> shade_tiles(const ShadeInputs& in, const BackgroundTiles* background, const PixelsOf& pixels_of,
+                           uint32_t count, bool all, cudaStream_t stream);
 
   UnfinishedTile* list(uint32_t i) { return reinterpret_cast<UnfinishedTile*>(lists.data()) + i * list_room; }
   bool has_jpegs() const { return cache.slot_count != 0; }
@@ -200,81 +194,78 @@ struct CudaTextureCache::Impl {
   uint32_t multiprocessors = 0;
   uint32_t now = 1;       // first round of the next picture
   bool is_clean = false;  // false: an error left work half queued
-  Error error{ErrorCode::kDevice, ""};
 };
 
 template <bool kApart, class PixelsOf>
-bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const BackgroundTiles* background,
-                                   const PixelsOf& pixels_of, cudaStream_t stream) {
+Result<void> CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles,
+                                           const BackgroundTiles* background, const PixelsOf& pixels_of,
+                                           cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
-  if (!reserve(tile_count)) return false;
+  SCREE_TRY(reserve(tile_count));
   if (pager == nullptr) return shade_tiles<kApart>(in, background, pixels_of, tile_count, true, stream);
+  const auto shade_some = [&](std::span<const UnfinishedTile> some, UnfinishedTile* left) -> Result<uint32_t> {
+    constexpr const char* kWhat = "copying a list of tiles";
+    const uint32_t count = some.empty() ? tile_count : static_cast<uint32_t>(some.size());
+    RoundCounters last{};
+    if (!some.empty())
+      SCREE_TRY(
+          cuda_check(cudaMemcpyAsync(list(1), some.data(), some.size_bytes(), cudaMemcpyHostToDevice, stream), kWhat));
+    SCREE_TRY(shade_tiles<kApart>(in, background, pixels_of, count, some.empty(), stream));
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(&last, counters + last_round(), sizeof last, cudaMemcpyDeviceToHost, stream),
+                         kWhat));
+    SCREE_TRY(cuda_check(cudaStreamSynchronize(stream), "shading"));
+    if (last.tiles != 0)
+      SCREE_TRY(cuda_check(cudaMemcpy(left, list(0), last.tiles * sizeof *left, cudaMemcpyDeviceToHost), kWhat));
+    return last.tiles;
+  };
   try {
-    const Result<void> done = shade_in_rounds(
-        *pager, tile_count, [&](std::span<const UnfinishedTile> some, UnfinishedTile* left) -> Result<uint32_t> {
-          constexpr const char* kWhat = "copying a list of tiles";
-          const uint32_t count = some.empty() ? tile_count : static_cast<uint32_t>(some.size());
-          RoundCounters last{};
-          if (!some.empty() &&
-              !check(cudaMemcpyAsync(list(1), some.data(), some.size_bytes(), cudaMemcpyHostToDevice, stream), kWhat))
-            return error;
-          if (!shade_tiles<kApart>(in, background, pixels_of, count, some.empty(), stream) ||
-              !check(cudaMemcpyAsync(&last, counters + last_round(), sizeof last, cudaMemcpyDeviceToHost, stream),
-                     kWhat) ||
-              !check(cudaStreamSynchronize(stream), "shading"))
-            return error;
-          if (last.tiles != 0 &&
-              !check(cudaMemcpy(left, list(0), last.tiles * sizeof *left, cudaMemcpyDeviceToHost), kWhat))
-            return error;
-          return last.tiles;
-        });
-    if (!done) error = done.error();
-    return static_cast<bool>(done);
+    return shade_in_rounds(*pager, tile_count, shade_some);
   } catch (const std::bad_alloc&) {
-    error = {ErrorCode::kMemory, "no memory left for the tiles of a picture"};
-    return false;
+    return Error{ErrorCode::kMemory, "no memory left for the tiles of a picture"};
   }
 }
 
 template <bool kApart, class PixelsOf>
-bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const BackgroundTiles* background,
-                                         const PixelsOf& pixels_of, uint32_t count, bool all, cudaStream_t stream) {
-  if ((!is_clean || now > TextureCache::kNever - kRounds) && !clear(stream)) return false;
+Result<void> CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const BackgroundTiles* background,
+                                                 const PixelsOf& pixels_of, uint32_t count, bool all,
+                                                 cudaStream_t stream) {
+  if (!is_clean || now > TextureCache::kNever - kRounds) SCREE_TRY(clear(stream));
   is_clean = false;
-  if (!check(cudaMemsetAsync(counters, 0, kCounters * sizeof(RoundCounters), stream), "clearing the rounds' counters"))
-    return false;
+  SCREE_TRY(cuda_check(cudaMemsetAsync(counters, 0, kCounters * sizeof(RoundCounters), stream),
+                       "clearing the rounds' counters"));
   const UnfinishedTile* from = all ? nullptr : list(1);
   const RoundCounters* before = nullptr;
-  bool started = true;
+  Result<void> started;
   if (all && background != nullptr) {
     const PixelTiles& tiles = background->tiles;
     const dim3 blocks((tiles.across() + kListedColumns - 1) / kListedColumns,
                       (tiles.down() + kListedRows - 1) / kListedRows);
     list_tiles<<<blocks, kListThreads, 0, stream>>>(*background, list(1), counters + kRounds);
-    started = check(cudaGetLastError(), "listing the tiles of a picture");
+    SCREE_TRY(cuda_check(cudaGetLastError(), "listing the tiles of a picture"));
     from = list(1);
     before = counters + kRounds;
   }
-  for (uint32_t round = 0; round < (has_jpegs() ? kDecodeRounds : 1) && started; ++round, ++now) {
+  for (uint32_t round = 0; round < (has_jpegs() ? kDecodeRounds : 1); ++round, ++now) {
     visit_textured<kApart>(in, CachedTexels{cache, counters + round, now, pages()}, [&](const auto& shader) {
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(round % 2), counters + round};
       started = run(pass, count, before, round == 0, stream);
     });
     from = list(round % 2);
     before = counters + round;
-    if (!started || !has_jpegs()) continue;
+    if (!started) return started;
+    if (!has_jpegs()) continue;
     // The last of these rounds decodes too, for the pixels that are left and for the next picture.
     decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
         DecodeGroups{cache, counters + round, now, pages()});
-    started = check(cudaGetLastError(), "starting a round of decoding");
+    SCREE_TRY(cuda_check(cudaGetLastError(), "starting a round of decoding"));
   }
-  if (started && has_jpegs())
+  if (has_jpegs())
     visit_textured<false>(in, FallbackTexels{cache, now - 1, pages()}, [&](const auto& shader) {
       static_assert(kDecodeRounds % 2 == 0, "the last of them leaves list(1)");
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(0), counters + kDecodeRounds};
       started = run(pass, count, before, false, stream);
     });
-  is_clean = started;
+  is_clean = static_cast<bool>(started);
   return started;
 }
 
@@ -294,9 +285,7 @@ Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint6
   impl.pager = pager;
   const uint32_t slots = slots_of(bytes, groups);
   const CacheLayout layout = lay_out(slots, groups);
-  Result<DeviceBuffer> memory = DeviceBuffer::allocate(layout.bytes, "allocating the texture cache");
-  if (!memory) return memory.error();
-  impl.memory = std::move(*memory);
+  impl.memory = SCREE_TRY(DeviceBuffer::allocate(layout.bytes, "allocating the texture cache"));
   std::byte* const base = impl.memory.data();
   impl.group_count = groups.count;
   impl.cache = {reinterpret_cast<uint8_t*>(base),
@@ -311,12 +300,12 @@ Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint6
   impl.counters = reinterpret_cast<RoundCounters*>(base + layout.counters);
   int device = 0;
   int count = 0;
-  if (!impl.check(cudaGetDevice(&device), "asking for the device") ||
-      !impl.check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device), "asking for multiprocessors"))
-    return impl.error;
+  SCREE_TRY(cuda_check(cudaGetDevice(&device), "asking for the device"));
+  SCREE_TRY(
+      cuda_check(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device), "asking for multiprocessors"));
   impl.multiprocessors = static_cast<uint32_t>(count);
-  if (!impl.clear(nullptr)) return impl.error;
-  if (!impl.check(cudaStreamSynchronize(nullptr), "clearing the texture cache")) return impl.error;
+  SCREE_TRY(impl.clear(nullptr));
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), "clearing the texture cache"));
   return Result<CudaTextureCache>(std::move(made));
 }
 
@@ -342,9 +331,7 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
     };
     return impl_->shade<true>(in, tiles, &background, pixels_of, stream);
   };
-  const bool is_done = samples_per_side == 1 ? shade.operator()<1>() : shade.operator()<0>();
-  if (!is_done) return impl_->error;
-  return {};
+  return samples_per_side == 1 ? shade.operator()<1>() : shade.operator()<0>();
 }
 
 void CudaTextureCache::load(const ShadeInputs& in, uint32_t samples_per_side) {
@@ -365,16 +352,13 @@ Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTile
     return ShadePart<Shader>{shader, tiles, samples, colors};
   };
   // One kernel for all kinds of chunks: one per kind would add 10 s of compile time and 0.7 MB.
-  if (!impl_->shade<false>(in, tiles, nullptr, pixels_of, stream)) return impl_->error;
-  return {};
+  return impl_->shade<false>(in, tiles, nullptr, pixels_of, stream);
 }
 
 Result<TextureCacheCounts> CudaTextureCache::counts() const {
   RoundCounters rounds[kDecodeRounds];
-  if (Result<void> done = cuda_check(cudaMemcpy(rounds, impl_->counters, sizeof rounds, cudaMemcpyDeviceToHost),
-                                     "reading the rounds' counters");
-      !done)
-    return done.error();
+  SCREE_TRY(cuda_check(cudaMemcpy(rounds, impl_->counters, sizeof rounds, cudaMemcpyDeviceToHost),
+                       "reading the rounds' counters"));
   TextureCacheCounts counts;
   for (const RoundCounters& round : rounds) {
     counts.asked += round.requests;
@@ -386,8 +370,7 @@ Result<TextureCacheCounts> CudaTextureCache::counts() const {
 }
 
 Result<void> CudaTextureCache::clear(cudaStream_t stream) {
-  if (!impl_->clear(stream)) return impl_->error;
-  return {};
+  return impl_->clear(stream);
 }
 
 Result<void> CudaTextureCache::decode(const JpegLevel* level, uint32_t group_count, uint8_t* out, uint32_t slot_bytes,

@@ -11,8 +11,6 @@
 #include "kernels/cuda/occupancy.h"
 #include "kernels/cuda/view_batch.cuh"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 
@@ -55,22 +53,17 @@ struct CudaViewBatch::Impl {
 Result<void> CudaViewBatch::Impl::open(const SceneView& host) {
   constexpr const char* kWhat = "allocating the tables of batches";
   triangle_count = host.instance_base[host.instance_count];
-  Result<void> done = resident.open();
-  if (done) done = groups.fill(list_cluster_groups(host), kWhat);
-  if (done) done = counters.allocate(1, kWhat);
-  if (done) done = read_stats.allocate(sizeof(FrameStats), "allocating pinned memory");
+  SCREE_TRY(resident.open());
+  SCREE_TRY(groups.fill(list_cluster_groups(host), kWhat));
+  SCREE_TRY(counters.allocate(1, kWhat));
+  SCREE_TRY(read_stats.allocate(sizeof(FrameStats), "allocating pinned memory"));
   uint32_t blocks = 0;
   for (const bool orthographic : {false, true}) {
     const Kernel kernel = kernel_of(orthographic, scene.masks != nullptr);
-    if (done)
-      done =
-          cuda_check(cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel),
-                                          cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(mask_bytes())),
-                     "asking for shared memory");
+    SCREE_TRY(allow_shared(kernel, mask_bytes()));
     blocks = std::max(blocks, resident.of(kernel, kBatchThreads, mask_bytes()));
   }
-  if (done) done = queued.allocate(uint64_t{blocks} * kBatchWarps * 2 * kWarpQueue, kWhat);
-  return done;
+  return queued.allocate(uint64_t{blocks} * kBatchWarps * 2 * kWarpQueue, kWhat);
 }
 
 /// Draws views whose samples fit into memory at once. The first is view `first` of the batch.
@@ -90,15 +83,14 @@ Result<void> CudaViewBatch::Impl::draw_part(std::span<const View> part, uint64_t
   frame.queued = queued.data();
   frame.counters = counters.data();
   static_assert(kBackground == ~uint64_t{0});
-  Result<void> done =
-      cuda_check(cudaMemsetAsync(samples.data(), 0xff, part.size() * view_samples * sizeof(uint64_t)), "clearing");
-  if (done) done = cuda_check(cudaMemsetAsync(&counters.data()->next, 0, sizeof(uint64_t)), "clearing the counters");
-  if (!done) return done;
+  SCREE_TRY(
+      cuda_check(cudaMemsetAsync(samples.data(), 0xff, part.size() * view_samples * sizeof(uint64_t)), "clearing"));
+  SCREE_TRY(cuda_check(cudaMemsetAsync(&counters.data()->next, 0, sizeof(uint64_t)), "clearing the counters"));
   const Kernel kernel = kernel_of(orthographic, scene.masks != nullptr);
   const auto blocks = static_cast<uint32_t>(std::min<uint64_t>(resident.of(kernel, kBatchThreads, mask_bytes()),
                                                                (frame.work + kBatchWarps - 1) / kBatchWarps));
   kernel<<<blocks, kBatchThreads, mask_bytes()>>>(frame);
-  if (done = cuda_check(cudaGetLastError(), "starting a batch"); !done) return done;
+  SCREE_TRY(cuda_check(cudaGetLastError(), "starting a batch"));
 
   const uint32_t width = part[0].width / samples_per_side;
   const auto view_pixels = static_cast<uint32_t>(view_samples / samples_per_side / samples_per_side);
@@ -133,39 +125,35 @@ CudaViewBatch::CudaViewBatch(CudaViewBatch&&) noexcept = default;
 CudaViewBatch& CudaViewBatch::operator=(CudaViewBatch&&) noexcept = default;
 CudaViewBatch::~CudaViewBatch() = default;
 
-Result<CudaViewBatch> CudaViewBatch::create(const SceneView& host, const SceneView& device, uint64_t most_samples) {
-  try {
-    auto impl = std::make_unique<Impl>();
-    impl->scene = device;
-    impl->most_samples = most_samples;
-    if (Result<void> opened = impl->open(host); !opened) return opened.error();
-    return CudaViewBatch(std::move(impl));
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "out of memory for the tables of batches"};
-  }
+Result<CudaViewBatch> CudaViewBatch::create(const SceneView& host, const SceneView& device, uint64_t most_samples) try {
+  auto impl = std::make_unique<Impl>();
+  impl->scene = device;
+  impl->most_samples = most_samples;
+  if (Result<void> opened = impl->open(host); !opened) return opened.error();
+  return CudaViewBatch(std::move(impl));
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "out of memory for the tables of batches"};
 }
 
 Result<void> CudaViewBatch::reserve(std::span<const View> views) {
-  Result<void> done = impl_->views.grow(views.size(), "allocating a batch's views");
-  if (done)
-    done = impl_->samples.grow(impl_->views_at_once(views) * samples_of(views[0]), "allocating a batch's samples");
+  SCREE_TRY(impl_->views.grow(views.size(), "allocating a batch's views"));
+  SCREE_TRY(impl_->samples.grow(impl_->views_at_once(views) * samples_of(views[0]), "allocating a batch's samples"));
   try {
     impl_->host_views.reserve(views.size());
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "out of memory for a batch's views"};
   }
-  return done;
+  return {};
 }
 
 Result<FrameStats> CudaViewBatch::draw(std::span<const View> views, uint32_t samples_per_side,
                                        const LayerTargets& out) {
   Impl& impl = *impl_;
   for (const View& view : views) {
-    Result<void> checked = check_frame(view, impl.triangle_count);
-    if (checked) checked = check_resolve(view, samples_per_side);
-    if (!checked) return checked.error();
+    SCREE_TRY(check_frame(view, impl.triangle_count));
+    SCREE_TRY(check_resolve(view, samples_per_side));
   }
-  if (Result<void> reserved = reserve(views); !reserved) return reserved.error();
+  SCREE_TRY(reserve(views));
   impl.host_views.clear();
   for (const View& view : views) impl.host_views.push_back({make_frame_view(view), view.z_near, view.z_far});
   Result<void> done = cuda_check(cudaMemcpyAsync(impl.views.data(), impl.host_views.data(),

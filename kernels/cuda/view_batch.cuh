@@ -330,16 +330,6 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
   __syncwarp();
 }
 
-template <bool kMasked>
-__device__ inline auto batch_mask(const BatchFrame& in) {
-  if constexpr (kMasked) {
-    LaneMaskOf<Alpha::kMasked>::begin(batch_masks().waiting);
-    return LaneMaskOf<Alpha::kMasked>(batch_masks().waiting, ChunkPlanes{&in.scene, &in.size});
-  } else {
-    return NoLaneMask{};
-  }
-}
-
 /// Draws `count` survivors from `first` on, at most 32. Returns whether stage 1 drew the lane's triangle.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samples, uint32_t chunk, uint32_t first,
@@ -351,7 +341,10 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   PixelBox box{};
   int64_t area = 0;
   int64_t pixels = 0;
-  auto mask = batch_mask<kMasked>(in);
+  if constexpr (kMasked) batch_masks().waiting.begin();
+  auto mask = lane_mask < kMasked ? Alpha::kMasked
+                                  : Alpha::kOpaque > (ChunkPlanes{&in.scene, &in.size},
+                                                      []() -> WarpMasks& { return batch_masks().waiting; });
   if (lane < count) {
     triangle = shared.survivors[first + lane];
     box = pixel_box(triangle.x, triangle.y, in.size);
@@ -479,7 +472,7 @@ class BatchWarp {
         }
       }
       const uint32_t lanes = __ballot_sync(~0u, survives);
-      if (survives) shared.survivors[survivor_count_ + __popc(lanes & ((1u << lane_) - 1))] = triangle;
+      if (survives) shared.survivors[survivor_count_ + rank_among(lanes)] = triangle;
       survivor_count_ += static_cast<uint32_t>(__popc(lanes));
       const uint32_t to_clip = __ballot_sync(~0u, clips);
       if (to_clip != 0) clip(at, to_clip, cluster.first_triangle + number);

@@ -5,8 +5,6 @@
 #include "kernels/cull/chunk_screen.h"
 #include "kernels/visbuffer.h"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
-
 namespace scree::kernels {
 namespace {
 
@@ -100,11 +98,10 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
                  static_cast<uint32_t>(std::clamp<uint64_t>(pairs / instances / kLanes, 1, kMostRows)));
   const char* const what = "allocating the list of chunks";
   const uint64_t count = host.chunk_count;
-  Result<void> done = nearest_.reserve(count * sizeof(uint32_t), what);
-  if (done) done = shown_.reserve(count * sizeof(uint32_t), what);
-  if (done) done = read_nearest_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
-  if (done) done = read_shown_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
-  return done;
+  SCREE_TRY(nearest_.reserve(count * sizeof(uint32_t), what));
+  SCREE_TRY(shown_.reserve(count * sizeof(uint32_t), what));
+  SCREE_TRY(read_nearest_.allocate(count * sizeof(uint32_t), "allocating pinned memory"));
+  return read_shown_.allocate(count * sizeof(uint32_t), "allocating pinned memory");
 }
 
 Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view, bool draws_blended) {
@@ -112,37 +109,29 @@ Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& vi
   frame_ = make_frame_view(view);
   // Allocated now, because no kernel is running for which the allocation would wait.
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
-  if (Result<void> room = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !room) return room.error();
+  SCREE_TRY(codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"));
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());
   const uint64_t bytes = scene_.chunk_count * sizeof(uint32_t);
   auto* const nearest = reinterpret_cast<uint32_t*>(nearest_.data());
-  Result<void> done = cuda_check(cudaMemsetAsync(nearest, 0xff, bytes, nullptr), "clearing the list of chunks");
-  if (done) {
-    find_nearest_codes<<<blocks_, kLanes * kWarps>>>(scene_, frame_, nearest);
-    done = cuda_check(cudaGetLastError(), "listing chunks");
-  }
-  if (done)
-    done = cuda_check(cudaMemcpy(read_nearest_.data(), nearest, bytes, cudaMemcpyDeviceToHost), "listing chunks");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaMemsetAsync(nearest, 0xff, bytes, nullptr), "clearing the list of chunks"));
+  find_nearest_codes<<<blocks_, kLanes * kWarps>>>(scene_, frame_, nearest);
+  SCREE_TRY(cuda_check(cudaGetLastError(), "listing chunks"));
+  SCREE_TRY(cuda_check(cudaMemcpy(read_nearest_.data(), nearest, bytes, cudaMemcpyDeviceToHost), "listing chunks"));
   return std::span(reinterpret_cast<const uint32_t*>(read_nearest_.data()), scene_.chunk_count);
 }
 
 Result<void> CudaVisibleChunks::start_finding_shown(const uint64_t* samples) {
   const uint64_t bytes = scene_.chunk_count * sizeof(uint32_t);
   auto* const shown = reinterpret_cast<uint32_t*>(shown_.data());
-  Result<void> done = cuda_check(cudaMemsetAsync(shown, 0xff, bytes, nullptr), "clearing the list of chunks");
-  if (done) {
-    const auto squares = static_cast<uint32_t>(pyramid_.across(kFirstLevel) * pyramid_.down(kFirstLevel));
-    fill_first_level<<<(squares - 1) / kWarps + 1, kLanes * kWarps>>>(pyramid_, samples);
-    fill_other_levels<<<1, 1024>>>(pyramid_);
-    find_shown_codes<<<blocks_, kLanes * kWarps>>>(scene_, frame_, pyramid_,
-                                                   reinterpret_cast<const uint32_t*>(nearest_.data()), shown);
-    done = cuda_check(cudaGetLastError(), "finding hidden chunks");
-  }
-  if (done)
-    done = cuda_check(cudaMemcpyAsync(read_shown_.data(), shown, bytes, cudaMemcpyDeviceToHost, nullptr),
-                      "finding hidden chunks");
-  return done;
+  SCREE_TRY(cuda_check(cudaMemsetAsync(shown, 0xff, bytes, nullptr), "clearing the list of chunks"));
+  const auto squares = static_cast<uint32_t>(pyramid_.across(kFirstLevel) * pyramid_.down(kFirstLevel));
+  fill_first_level<<<(squares - 1) / kWarps + 1, kLanes * kWarps>>>(pyramid_, samples);
+  fill_other_levels<<<1, 1024>>>(pyramid_);
+  find_shown_codes<<<blocks_, kLanes * kWarps>>>(scene_, frame_, pyramid_,
+                                                 reinterpret_cast<const uint32_t*>(nearest_.data()), shown);
+  SCREE_TRY(cuda_check(cudaGetLastError(), "finding hidden chunks"));
+  return cuda_check(cudaMemcpyAsync(read_shown_.data(), shown, bytes, cudaMemcpyDeviceToHost, nullptr),
+                    "finding hidden chunks");
 }
 
 }  // namespace scree::kernels

@@ -98,6 +98,11 @@ __device__ inline T sum_before(T value, uint32_t lane, T& total) {
   return sum - value;
 }
 
+/// The number of lanes in `lanes` before this one.
+__device__ inline uint32_t rank_among(uint32_t lanes) {
+  return static_cast<uint32_t>(__popc(lanes & ((1u << threadIdx.x % kWarpLanes) - 1)));
+}
+
 /// Copies runs of up to 64 pieces of 16 bytes to shared memory by a warp. Each copy runs while the warp works on the
 /// previous one. begin() starts a copy; lane i takes the pieces i and i + 32. commit() must follow every begin(), and
 /// once more when there are no bytes left to copy. After wait() and __syncwarp() all copies but the last committed one

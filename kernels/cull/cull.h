@@ -67,21 +67,21 @@ SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView&
   return true;
 }
 
-/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre of the rows. The
-/// slack is 2^-20 of all terms; the error of single-precision projection is smaller (a few 2^-24). The planes lie half
-/// a pixel outside the outermost centres, farther than snapping moves a vertex. Boxes with NaN or infinity are kept.
-SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box,
-                                 const RowPlanes& planes) {
-  const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
-  return box_may_be_seen(rows, view, box, planes, 1.0 / (1 << 20));
-}
+/// The slack of the tests of boxes. The error of single-precision projection is a few 2^-24. The error of a value from
+/// a RoundedBox is at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows and 9 * 2^-24 for the roundings here:
+/// together less than 2^-20.
+template <class Real>
+inline constexpr Real kBoxSlack = Real{1} / (1 << (sizeof(Real) == sizeof(double) ? 20 : 18));
 
-/// The same in single precision. The error of a value is at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows
-/// and 9 * 2^-24 for the roundings here: together less than 2^-20. The slack is 2^-18.
-SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RoundedBox& box,
+/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre of the rows. The
+/// planes lie half a pixel outside the outermost centres, farther than snapping moves a vertex. Boxes with NaN or
+/// infinity are kept.
+template <class Real>
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const TransformBox<Real>& box,
                                  const RowPlanes& planes) {
-  const float* const rows[3] = {transform.x, transform.y, transform.w};
-  return box_may_be_seen(rows, view, box, planes, 1.0f / (1 << 18));
+  const TransformRows<Real> of = rows_of(transform, Real{});
+  const Real* const rows[3] = {of.x, of.y, of.w};
+  return box_may_be_seen(rows, view, box, planes, kBoxSlack<Real>);
 }
 
 /// The same for all rows of the picture.
@@ -148,15 +148,12 @@ SCREE_HD inline bool box_may_be_in_clip_box(const Real* const rows[3], const Fra
 
 /// False only if no sample of a triangle of vertices in the box can lie in the view's clipping box, which is set. Boxes
 /// with NaN or infinity are kept.
-SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameView& view, const RelativeBox& box) {
-  const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
-  return box_may_be_in_clip_box(rows, view, box, 1.0 / (1 << 20));
-}
-
-/// The same in single precision, with the slack of may_be_seen().
-SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameView& view, const RoundedBox& box) {
-  const float* const rows[3] = {transform.x, transform.y, transform.w};
-  return box_may_be_in_clip_box(rows, view, box, 1.0f / (1 << 18));
+template <class Real>
+SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameView& view,
+                                        const TransformBox<Real>& box) {
+  const TransformRows<Real> of = rows_of(transform, Real{});
+  const Real* const rows[3] = {of.x, of.y, of.w};
+  return box_may_be_in_clip_box(rows, view, box, kBoxSlack<Real>);
 }
 
 /// Whether the box may be seen in the rows. `kClips`: the view has a clipping box, and the box is tested against it

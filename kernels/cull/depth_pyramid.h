@@ -4,7 +4,7 @@
 #pragma once
 
 #include "kernels/raster/depth.h"
-#include "kernels/raster/setup.h"
+#include "kernels/raster/queues.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
@@ -114,6 +114,19 @@ SCREE_HD inline bool is_occluded(const DepthPyramid& pyramid, const uint64_t* sa
   const uint32_t farthest = max_of(max_of(first[box.x0 >> level], first[box.x1 >> level]),
                                    max_of(second[box.x0 >> level], second[box.x1 >> level]));
   return nearest_code > farthest || nearest_code > farthest_code(pyramid, level - 1, box);
+}
+
+/// Whether every sample within the bounds is nearer, as the samples are now.
+template <class Team>
+SCREE_HD inline bool is_occluded_now(Team team, const Target& target, const ScreenBounds& bounds) {
+  const PixelBox& box = bounds.pixels;
+  for (int32_t y = box.y0; y <= box.y1; ++y) {
+    const uint64_t* const row = target.row(y);
+    for (int32_t x = box.x0; x <= box.x1; ++x) {
+      if (bounds.nearest_code <= sample_depth_code(team.load_relaxed(row + x))) return false;
+    }
+  }
+  return true;
 }
 
 /// True only if the samples hide all that lies within the bounds. Uses the levels from `first_level` on: squares of a

@@ -21,9 +21,13 @@ struct ClipBox {
     double low_one;
     double high_m;
     double high_one;
+
+    bool operator==(const Axis&) const = default;
   };
   Axis axis[3];
   bool is_set;  // false: there is no box
+
+  bool operator==(const ClipBox&) const = default;
 };
 
 SCREE_HD inline ClipBox make_clip_box(const View& view) {

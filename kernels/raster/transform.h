@@ -37,6 +37,8 @@ struct FrameView {
   int32_t end_row;
   bool orthographic;
   ClipBox clip_box;
+
+  bool operator==(const FrameView&) const = default;
 };
 
 SCREE_HD inline FrameView make_frame_view(const View& view) {
@@ -129,11 +131,30 @@ SCREE_HD inline bool object_space_eye(const FrameView& view, const format::Matri
   return determinant < 0;
 }
 
-/// A box in the coordinates of a Transform: d of lattice coordinates or float32 positions.
-struct RelativeBox {
-  double center[3];
-  double extent[3];  // half sides, >= 0
+/// The rows of a Transform, exact or rounded.
+template <class Real>
+struct TransformRows {
+  const Real* x;
+  const Real* y;
+  const Real* w;
 };
+SCREE_HD inline TransformRows<float> rows_of(const Transform& transform, float) {
+  return {transform.x, transform.y, transform.w};
+}
+SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double) {
+  return {transform.exact_x, transform.exact_y, transform.exact_w};
+}
+
+/// A box in the coordinates of a Transform: d of lattice coordinates or float32 positions.
+template <class Real>
+struct TransformBox {
+  Real center[3];
+  Real extent[3];  // half sides, >= 0
+};
+using RelativeBox = TransformBox<double>;
+/// In single precision the error of a number is at most 3 * 2^-24 of center + extent, which are magnitudes here.
+/// GeForce cards compute doubles at 1/64 of the rate, and a frame tests hundreds of thousands of boxes.
+using RoundedBox = TransformBox<float>;
 
 /// The transform of positions on the lattice of `exponent`, or of float32 positions.
 SCREE_HD inline Transform make_transform(const FrameView& view, const format::MatrixRecord& matrix, int32_t exponent,
@@ -186,35 +207,17 @@ struct TransformError {
   float w;
 };
 
-/// For the vertices of a box: 2^-21 of the largest sum of terms, which has five roundings of 2^-24.
-SCREE_HD inline TransformError error_of(const Transform& transform, const RelativeBox& box) {
-  const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+/// For the vertices of a box: 2^-21 of the largest sum of terms, which has five roundings of 2^-24. These leave three
+/// of eight units of 2^-24, far more than the error of the sum of terms from a RoundedBox.
+template <class Real>
+SCREE_HD inline TransformError error_of(const Transform& transform, const TransformBox<Real>& box) {
+  const TransformRows<Real> of = rows_of(transform, Real{});
+  const Real* const rows[3] = {of.x, of.y, of.w};
   float errors[3];
   for (int r = 0; r < 3; ++r) {
-    double terms = abs_of(rows[r][3]);
+    Real terms = abs_of(rows[r][3]);
     for (int i = 0; i < 3; ++i) terms += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
-    errors[r] = static_cast<float>(terms * (1.0 / (1 << 21)));
-  }
-  return {errors[0], errors[1], errors[2]};
-}
-
-/// A RelativeBox in single precision. The error of a number is at most 3 * 2^-24 of center + extent, which are
-/// magnitudes here. GeForce cards compute doubles at 1/64 of the rate, and a frame tests hundreds of thousands of
-/// boxes.
-struct RoundedBox {
-  float center[3];
-  float extent[3];
-};
-
-/// The same from single precision. The bound is eight units of 2^-24. The five roundings leave three of them, far more
-/// than the error of the sum of terms here.
-SCREE_HD inline TransformError error_of(const Transform& transform, const RoundedBox& box) {
-  const float* rows[3] = {transform.x, transform.y, transform.w};
-  float errors[3];
-  for (int r = 0; r < 3; ++r) {
-    float terms = abs_of(rows[r][3]);
-    for (int i = 0; i < 3; ++i) terms += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
-    errors[r] = terms * (1.0f / (1 << 21));
+    errors[r] = static_cast<float>(terms * (Real{1} / (1 << 21)));
   }
   return {errors[0], errors[1], errors[2]};
 }

@@ -102,13 +102,9 @@ SCREE_HD inline float blended_alpha(const SceneView& scene, const FrameView& vie
     const PlacedChunk at = place_chunk<ChunkKinds::kMixed>(scene, chunk_number, triangle, transform);
     uint32_t vertex[3];
     fetch_triangle(at.reader, triangle, vertex);
-    const auto center = [](int32_t place, float half) {
-      return static_cast<double>(place) * kSubpixels + kSubpixels / 2 - static_cast<double>(half);
-    };
-    const PlaneHit<double> hit = intersect_plane<kOrthographic>(
-        transform, fetch_corners<double>(at.reader, vertex), center(x, view.half_width), center(y, view.half_height));
     double weights[3];
-    hit_weights(hit, weights);
+    hit_weights(intersect_plane_at<kOrthographic>(view, transform, fetch_corners<double>(at.reader, vertex), x, y),
+                weights);
     const auto* const stream =
         reinterpret_cast<const uint8_t*>(at.page + chunk.offset + streams_of(mesh, chunk).colors.offset);
     double code = 0;
@@ -209,33 +205,6 @@ struct LaySlotUnder {
     } else if (next_count == 0) {
       next_count = 1;
     }
-  }
-};
-
-/// Takes a Shader's place: returns the colours that ShadePart stored, over which Resolve lays the layers of `over`
-/// (BlendTargets::over).
-struct BlendedColors {
-  using Texels = SceneTexels;
-
-  ShadeInputs in;
-  const float* colors;
-  const float* over;
-
-  template <class Team>
-  SCREE_HD void operator()(Team, bool wanted, uint64_t, int32_t x, int32_t y, ShadeState<Team, BlendedColors>&,
-                           float rgb[3]) const {
-    if (!wanted) return;
-    const uint64_t place = place_of(x, y);
-    for (uint64_t c = 0; c < 3; ++c) rgb[c] = colors[3 * place + c];
-  }
-
-  SCREE_HD const float* over_at(uint32_t x, uint32_t y) const {
-    return over + 4 * place_of(static_cast<int32_t>(x), static_cast<int32_t>(y));
-  }
-
- private:
-  SCREE_HD uint64_t place_of(int32_t x, int32_t y) const {
-    return static_cast<uint64_t>(y) * static_cast<uint64_t>(in.view.width) + static_cast<uint64_t>(x);
   }
 };
 

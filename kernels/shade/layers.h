@@ -107,13 +107,10 @@ struct Surface {
     uint32_t vertex[3];
     fetch_triangle(at.reader, triangle, vertex);
     const Corners<double> corners = fetch_corners<double>(at.reader, vertex);
-    const auto centre = [](uint32_t place, float half) {
-      return static_cast<double>(place) * kSubpixels + kSubpixels / 2 - static_cast<double>(half);
-    };
-    const PlaneHit<double> hit = intersect_plane<kOrthographic>(at.transform, corners, centre(x, in.view.half_width),
-                                                                centre(y, in.view.half_height));
     double weights[3];
-    hit_weights(hit, weights);
+    hit_weights(intersect_plane_at<kOrthographic>(in.view, at.transform, corners, static_cast<int32_t>(x),
+                                                  static_cast<int32_t>(y)),
+                weights);
     if constexpr (kNormal) {
       double normal[3];
       world_normal(at, in.scene.matrices[in.scene.instances[state.at.instance].matrix], vertex, corners, weights,

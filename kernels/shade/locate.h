@@ -199,19 +199,6 @@ SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uin
   return out;
 }
 
-template <class Real>
-struct TransformRows {
-  const Real* x;
-  const Real* y;
-  const Real* w;
-};
-SCREE_HD inline TransformRows<float> rows_of(const Transform& transform, float) {
-  return {transform.x, transform.y, transform.w};
-}
-SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double) {
-  return {transform.exact_x, transform.exact_y, transform.exact_w};
-}
-
 /// A triangle relative to one sample's ray: homogeneous, x and y in sub-pixels from the sample, times w. With a
 /// perspective camera all values are divided by the sum of the corners' |w|, which changes no ratio and keeps products
 /// within a float's range.
@@ -262,6 +249,16 @@ SCREE_HD inline PlaneHit<Real> intersect_plane(const Transform& transform, const
   }
   out.area = out.edge_x[0] * out.edge_y[1] - out.edge_y[0] * out.edge_x[1];
   return out;
+}
+
+/// intersect_plane() of the centre of sample (x, y) of the picture, in double precision.
+template <bool kOrthographic>
+SCREE_HD inline PlaneHit<double> intersect_plane_at(const FrameView& view, const Transform& transform,
+                                                    const Corners<double>& corners, int32_t x, int32_t y) {
+  const auto center = [](int32_t place, float half) {
+    return static_cast<double>(place) * kSubpixels + kSubpixels / 2 - static_cast<double>(half);
+  };
+  return intersect_plane<kOrthographic>(transform, corners, center(x, view.half_width), center(y, view.half_height));
 }
 
 /// The weights of the corners, in object space, of the point where the ray hits the triangle's plane. They are clamped

@@ -49,12 +49,25 @@ struct StoredColors {
   ShadeInputs in;
   const float* colors;
 
-  template <class Team>
-  SCREE_HD void operator()(Team, bool wanted, uint64_t, int32_t x, int32_t y, ShadeState<Team, StoredColors>&,
-                           float rgb[3]) const {
+  template <class Team, class State>
+  SCREE_HD void operator()(Team, bool wanted, uint64_t, int32_t x, int32_t y, State&, float rgb[3]) const {
     if (!wanted) return;
-    const uint64_t place = static_cast<uint64_t>(y) * static_cast<uint64_t>(in.view.width) + static_cast<uint64_t>(x);
+    const uint64_t place = place_of(x, y);
     for (uint64_t c = 0; c < 3; ++c) rgb[c] = colors[3 * place + c];
+  }
+
+ protected:
+  SCREE_HD uint64_t place_of(int32_t x, int32_t y) const {
+    return static_cast<uint64_t>(y) * static_cast<uint64_t>(in.view.width) + static_cast<uint64_t>(x);
+  }
+};
+
+/// The same, with the layers that Resolve lays over these colours.
+struct BlendedColors : StoredColors {
+  const float* over;  // BlendTargets::over
+
+  SCREE_HD const float* over_at(uint32_t x, uint32_t y) const {
+    return over + 4 * place_of(static_cast<int32_t>(x), static_cast<int32_t>(y));
   }
 };
 

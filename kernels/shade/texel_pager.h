@@ -53,9 +53,7 @@ class TexelPager {
   uint64_t missing_bytes() const { return missing_bytes_; }
   /// Adds absent pages that were wanted in round `first` or later to missing_bytes(). Errors kDevice.
   Result<void> count_missing(uint64_t first) {
-    const Result<uint64_t> bytes = missing_since(first);
-    if (!bytes) return bytes.error();
-    missing_bytes_ += *bytes;
+    missing_bytes_ += SCREE_TRY(missing_since(first));
     return {};
   }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -50,13 +51,8 @@ class PinnedRing final : public UploadTarget {
   PinnedRing(const PinnedRing&) = delete;
   PinnedRing& operator=(const PinnedRing&) = delete;
   ~PinnedRing() {
-    for (cudaStream_t stream : streams_) {
+    for (const kernels::DeviceStream& stream : streams_)
       if (stream != nullptr) (void)cudaStreamSynchronize(stream);
-    }
-    for (cudaEvent_t event : copied_)
-      if (event != nullptr) (void)cudaEventDestroy(event);
-    for (cudaStream_t stream : streams_)
-      if (stream != nullptr) (void)cudaStreamDestroy(stream);
   }
 
   Result<void> open(const StagingSizes& sizes, std::byte* arena) {
@@ -67,12 +63,9 @@ class PinnedRing final : public UploadTarget {
     SCREE_TRY(memory_.allocate_for_copies(sizes.bytes(), "allocating pinned memory"));
     if (sizes.joins) SCREE_TRY(open_joins(sizes.slots));
     streams_.resize(sizes.joins ? kJoinStreams : kCopyStreams);
-    for (cudaStream_t& stream : streams_)
-      SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"));
+    for (kernels::DeviceStream& stream : streams_) SCREE_TRY(stream.make(cudaStreamNonBlocking));
     copied_.resize(sizes.slots);
-    for (cudaEvent_t& event : copied_)
-      SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
-                           "making an event"));
+    for (kernels::DeviceEvent& event : copied_) SCREE_TRY(event.make(cudaEventDisableTiming | cudaEventBlockingSync));
     return {};
   }
 
@@ -167,8 +160,8 @@ class PinnedRing final : public UploadTarget {
   std::vector<WaitingJoin> waiting_;
   uint32_t most_waiting_ = 1;
   uint32_t batch_ = 0;
-  std::vector<cudaStream_t> streams_;
-  std::vector<cudaEvent_t> copied_;
+  std::vector<kernels::DeviceStream> streams_;
+  std::vector<kernels::DeviceEvent> copied_;
 };
 
 /// The rest of the budget.
@@ -241,16 +234,23 @@ struct ArenaLayout {
     textures.assign(host.textures, host.textures + host.texture_count);
     for (const kernels::MaskView* const of : {host.masks, host.blend_masks})
       if (of != nullptr) masks.insert(masks.end(), of, of + host.material_count);
-    meshes = plan.add_array(host.meshes, host.mesh_count);
-    chunks = plan.add_array(host.chunks, host.chunk_count);
-    instances = plan.add_array(host.instances, host.instance_count);
-    instance_base = plan.add_array(host.instance_base, host.instance_count + 1);
-    matrices = plan.add_array(host.matrices, host.matrix_count);
-    materials = plan.add_array(host.materials, host.material_count);
-    surfaces = plan.add_array(host.surfaces, host.surface_count);
-    material_views = plan.add_array(host.material_views, host.material_count);
-    lights = plan.add_array(host.lights, host.light_count);
-    environment = plan.add_array(host.environment, host.environment != nullptr ? kernels::kEnvironmentFloats : 0);
+    const auto add_table = [&]<class T>(const T* kernels::SceneView::*table, uint64_t count) {
+      const uint64_t offset = plan.add_array(host.*table, count);
+      tables.push_back([table, offset](kernels::SceneView& view, const std::byte* base) {
+        view.*table = reinterpret_cast<const T*>(base + offset);
+      });
+    };
+    using kernels::SceneView;
+    add_table(&SceneView::meshes, host.mesh_count);
+    add_table(&SceneView::chunks, host.chunk_count);
+    add_table(&SceneView::instances, host.instance_count);
+    add_table(&SceneView::instance_base, host.instance_count + 1);
+    add_table(&SceneView::matrices, host.matrix_count);
+    add_table(&SceneView::materials, host.material_count);
+    add_table(&SceneView::surfaces, host.surface_count);
+    add_table(&SceneView::material_views, host.material_count);
+    add_table(&SceneView::lights, host.light_count);
+    if (host.environment != nullptr) add_table(&SceneView::environment, kernels::kEnvironmentFloats);
     texture_views = plan.add_array(textures.data(), textures.size());
     page_table = plan.add_array(pages.data(), pages.size());
     for (const kernels::TextureView& texture : textures) {
@@ -301,16 +301,8 @@ struct ArenaLayout {
   std::map<const uint8_t*, uint64_t> mask_offset;   // several masks may have one page
   std::vector<uint64_t> page_offset;                // empty if pages are streamed
   UploadedJpegs levels;
-  uint64_t meshes;
-  uint64_t chunks;
-  uint64_t instances;
-  uint64_t instance_base;
-  uint64_t matrices;
-  uint64_t materials;
-  uint64_t surfaces;
-  uint64_t material_views;
-  uint64_t lights;
-  uint64_t environment;
+  /// Make a table of the view point into the arena, whose address is given.
+  std::vector<std::function<void(kernels::SceneView&, const std::byte*)>> tables;
   uint64_t texture_views;
   uint64_t mask_views;
   uint64_t page_table;
@@ -390,30 +382,29 @@ uint64_t CudaScene::copied_bytes_of(std::span<const CudaScene> all) const {
 }
 
 Result<void> CudaScene::copy_pages_of(std::span<const CudaScene> all) {
+  constexpr const char* kWhat = "copying other GPUs' pages";
   const uint64_t bytes = copied_bytes_of(all);
-  Result<void> done = copied_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating other GPUs' pages");
+  SCREE_TRY(copied_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating other GPUs' pages"));
   std::byte* to = copied_pages_.data();
   for (const CudaScene& other : all) {
-    if (!done || &other == this || other.page_bytes_ == 0) continue;
-    done = cuda_check(cudaMemcpyAsync(to, other.first_page_, other.page_bytes_, cudaMemcpyDefault, nullptr),
-                      "copying other GPUs' pages");
+    if (&other == this || other.page_bytes_ == 0) continue;
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(to, other.first_page_, other.page_bytes_, cudaMemcpyDefault, nullptr), kWhat));
     for (size_t page = 0; page < pages_.size(); ++page)
       if (other.has_copied(other.pages_[page])) pages_[page] = to + (other.pages_[page] - other.first_page_);
     to += format::align_up(other.page_bytes_, format::kPageAlignment);
   }
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying other GPUs' pages");
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), kWhat));
   stats_.device_bytes += bytes;
-  return done ? replace_page_table() : done;
+  return replace_page_table();
 }
 
 /// Makes view().pages a table of pages_.
 Result<void> CudaScene::replace_page_table() {
   const uint64_t bytes = pages_.size() * sizeof(pages_[0]);
   SCREE_TRY(shared_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating the table of pages"));
-  SCREE_TRY(cuda_check(cudaMemcpy(shared_pages_.data(), pages_.data(), bytes, cudaMemcpyHostToDevice),
-                       "copying the table of pages"));
   view_.pages = reinterpret_cast<const std::byte* const*>(shared_pages_.data());
-  return {};
+  return cuda_check(cudaMemcpy(shared_pages_.data(), pages_.data(), bytes, cudaMemcpyHostToDevice),
+                    "copying the table of pages");
 }
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
@@ -468,17 +459,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_ = scene.view();
   copy.view_.blocks = nullptr;
   copy.view_.pager = nullptr;
-  copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + layout.meshes);
-  copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + layout.chunks);
-  copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + layout.instances);
-  copy.view_.instance_base = reinterpret_cast<const uint64_t*>(base + layout.instance_base);
-  copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
-  copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
-  copy.view_.surfaces = reinterpret_cast<const format::SurfaceRecord*>(base + layout.surfaces);
-  copy.view_.material_views = reinterpret_cast<const kernels::MaterialView*>(base + layout.material_views);
-  copy.view_.lights = reinterpret_cast<const kernels::PlacedLight*>(base + layout.lights);
-  if (scene.view().environment != nullptr)
-    copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);
+  for (const auto& move_table : layout.tables) move_table(copy.view_, base);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
   copy.view_.texture_count = layout.textures.size();
   const auto* const masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);

@@ -78,9 +78,9 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   pager.half_ = pinned_bytes(host_memory) / 2;
   SCREE_TRY(
       pager.staging_.allocate_for_copies(pinned_bytes(host_memory), "allocating pinned memory for pages of textures"));
-  SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream"));
-  for (cudaEvent_t* const event : {&pager.copied_[0], &pager.copied_[1], &pager.arrived_})
-    SCREE_TRY(cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event"));
+  SCREE_TRY(pager.stream_.make(cudaStreamNonBlocking));
+  for (kernels::DeviceEvent* const event : {&pager.copied_[0], &pager.copied_[1], &pager.arrived_})
+    SCREE_TRY(event->make(cudaEventDisableTiming));
   pager.pages_.blocks = reinterpret_cast<const uint8_t* const*>(pager.tables_.data());
   pager.pages_.wanted = reinterpret_cast<uint64_t*>(pager.tables_.data() + count * sizeof(uint8_t*));
   return made;
@@ -88,9 +88,6 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
 
 DeviceBlockPager::~DeviceBlockPager() {
   if (stream_ != nullptr) (void)cudaStreamSynchronize(stream_);
-  for (cudaEvent_t event : {copied_[0], copied_[1], arrived_})
-    if (event != nullptr) (void)cudaEventDestroy(event);
-  if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
 }
 
 Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
@@ -314,10 +311,10 @@ Result<void> DeviceBlockPager::settle() {
   const std::lock_guard<std::mutex> lock(mutex());
   if (!copying_.empty()) {
     const cudaError_t status = cudaEventQuery(arrived_);
-    Result<void> done = cuda_check(status, "copying pages of textures");  // which clears the status
+    const Result<void> arrived = cuda_check(status, "copying pages of textures");  // which clears the status
     if (status == cudaErrorNotReady) return {};
-    if (done) done = finish_copies();
-    if (!done) return done;
+    SCREE_TRY(arrived);
+    SCREE_TRY(finish_copies());
   }
   return pages().round == settled_round_ ? Result<void>() : begin_copies();
 }

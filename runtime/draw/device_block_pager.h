@@ -98,8 +98,8 @@ class DeviceBlockPager final : public BlockPager {
   kernels::DeviceBuffer tables_;  // TexelPages::blocks, then wanted
   kernels::PinnedBuffer staging_;
   uint64_t half_ = 0;  // bytes of half of staging_
-  cudaStream_t stream_ = nullptr;
-  cudaEvent_t copied_[2] = {};       // the copies from each half of staging_ are done
+  kernels::DeviceStream stream_;
+  kernels::DeviceEvent copied_[2];   // the copies from each half of staging_ are done
   BlockPool pool_;                   // of the room, in units of kUnit
   std::vector<uint32_t> taken_;      // by number: the block in pool_
   std::vector<uint8_t> was_loaded_;  // by number: the page has been in the room
@@ -121,7 +121,7 @@ class DeviceBlockPager final : public BlockPager {
   std::vector<std::unique_ptr<Slab>> slabs_;
   std::vector<Kept> kept_;            // by number
   std::vector<uint32_t> copying_;     // pages of the room whose copies may not be finished; sampled in host memory
-  cudaEvent_t arrived_ = nullptr;     // they are
+  kernels::DeviceEvent arrived_;      // they are
   std::array<uint64_t, 32> ended_{};  // the last rounds of the last pictures
   size_t next_ended_ = 0;
   uint64_t settled_round_ = 0;  // the last of these

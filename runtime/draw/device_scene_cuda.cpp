@@ -11,6 +11,7 @@
 #include "format/container/mip_levels.h"
 #include "kernels/cull/depth_pyramid.h"
 #include "kernels/shade/pixels.h"
+#include "kernels/shade/resolve_rounds.h"
 #include "kernels/shade/srgb.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene_impl.h"
@@ -188,8 +189,8 @@ bool DeviceScene::is_streamed() const {
 Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
   CudaStream* const stream = impl_->streaming();
   if (stream == nullptr) return uint64_t{0};
-  const Result<uint64_t> left = stream->load_rest(is_over);
-  if (!left || *left != 0) return left;
+  const uint64_t left = SCREE_TRY(stream->load_rest(is_over));
+  if (left != 0) return left;
   // Views that were added have no frames yet. The last picture must be drawn again before it is shaded, because its
   // transforms are valid for its last part only.
   DeviceView::Impl& own = *impl_->own;
@@ -219,11 +220,11 @@ Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits)
     return Error{ErrorCode::kRange,
                  std::to_string(bits.size()) + " words of bits for the instances, expected " + std::to_string(words)};
   DeviceBuffer& omitted = impl_->omitted;
+  constexpr const char* kWhat = "copying a bit for each instance";
   SCREE_TRY(omitted.reserve(bits.size_bytes(), "allocating a bit for each instance"));
-  SCREE_TRY(cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
-                       "copying a bit for each instance"));
+  SCREE_TRY(cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice), kWhat));
   // Other GPUs that draw the scene read the bits too, and wait for no stream of this one.
-  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), "copying a bit for each instance"));
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), kWhat));
   return reinterpret_cast<const uint32_t*>(omitted.data());
 }
 

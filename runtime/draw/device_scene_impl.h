@@ -30,10 +30,14 @@ struct DeviceView::Impl {
 
   /// Makes `after` wait for the work that is queued on `before`.
   Result<void> order(cudaStream_t before, cudaStream_t after) {
-    if (queued == nullptr)
-      SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event"));
+    if (queued == nullptr) SCREE_TRY(queued.make(cudaEventDisableTiming));
     SCREE_TRY(cuda_check(cudaEventRecord(queued, before), "recording an event"));
     return cuda_check(cudaStreamWaitEvent(after, queued), "ordering a stream");
+  }
+
+  void set_size(const kernels::View& view) {
+    width = view.width;
+    height = view.height;
   }
 
   /// The stream of all work on the picture that was drawn last: from the first start() on, its own.
@@ -46,8 +50,8 @@ struct DeviceView::Impl {
 
   /// Copies once the queued work is done, and waits for the copy.
   Result<void> copy(void* to, const void* from, uint64_t bytes, cudaMemcpyKind kind, const char* what) const {
-    const Result<void> done = cuda_check(cudaMemcpyAsync(to, from, bytes, kind, stream()), what);
-    return done ? cuda_check(cudaStreamSynchronize(stream()), what) : done;
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(to, from, bytes, kind, stream()), what));
+    return cuda_check(cudaStreamSynchronize(stream()), what);
   }
 
   DeviceScene::Impl& scene;
@@ -70,12 +74,12 @@ struct DeviceView::Impl {
   std::optional<kernels::CudaViewBatch> view_batch;
   bool takes_view_batches = true;  // false once the scene turns out not to suit them, or memory is short
   kernels::CudaJpegCoder jpeg;
-  cudaEvent_t queued = nullptr;
+  kernels::DeviceEvent queued;
   std::optional<kernels::View> ahead;  // of the picture between start() and finish(), into second_samples
   bool joins_ahead = false;            // with DrawOptions::join
-  cudaStream_t beside = nullptr;
-  cudaStream_t reads = nullptr;    // of read_later(), once it was called
-  cudaEvent_t was_read = nullptr;  // likewise: its copies up to now
+  kernels::DeviceStream beside;
+  kernels::DeviceStream reads;    // of read_later(), once it was called
+  kernels::DeviceEvent was_read;  // likewise: its copies up to now
   std::optional<StreamStats> streamed;
 
   uint32_t width = 0;  // of the picture that draw() made last, in samples
@@ -84,10 +88,6 @@ struct DeviceView::Impl {
 
   ~Impl() {
     if (reads != nullptr) (void)cudaStreamSynchronize(reads);
-    if (reads != nullptr) (void)cudaStreamDestroy(reads);
-    if (was_read != nullptr) (void)cudaEventDestroy(was_read);
-    if (beside != nullptr) (void)cudaStreamDestroy(beside);
-    if (queued != nullptr) (void)cudaEventDestroy(queued);
   }
   Result<void> check_drawn(const kernels::View& view);
   Result<kernels::FrameStats> draw_by_team(const kernels::View& view);
@@ -122,14 +122,10 @@ struct DeviceScene::Impl {
   Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host,
                            const kernels::CudaQueueSizes& queues = {}) const {
     view.blend = kernels::CudaBlend(fragment_room);
-    Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view(), queues);
-    if (!made) return made.error();
-    view.frames = std::move(*made);
-    if (host.blend_masks == nullptr) return {};
-    Result<kernels::CudaFrames> layers =
-        kernels::CudaFrames::create(kernels::blended_view(host), kernels::blended_view(scene.view()));
-    if (!layers) return layers.error();
-    view.blend_frames = std::move(*layers);
+    view.frames = SCREE_TRY(kernels::CudaFrames::create(host, scene.view(), queues));
+    if (host.blend_masks != nullptr)
+      view.blend_frames =
+          SCREE_TRY(kernels::CudaFrames::create(kernels::blended_view(host), kernels::blended_view(scene.view())));
     return {};
   }
   /// The stream while it streams; null if all chunks are present.

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "format/fail.h"
 #include "kernels/cuda/layers.h"
+#include "kernels/shade/pixels.h"
 #include "runtime/draw/device_scene_impl.h"
 #include "runtime/images/jpeg_head.h"
 
@@ -32,7 +32,8 @@ HostMemory HostMemory::pinned(uint64_t bytes) {
 /// Errors kRange: draw() made no picture of this size.
 Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
   if (width != view.width || height != view.height)
-    return fail(ErrorCode::kRange, "no picture of ", view.width, " x ", view.height, " samples was drawn");
+    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
+                                        std::to_string(view.height) + " samples was drawn"};
   return draw_if_followed();
 }
 
@@ -47,8 +48,8 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
 /// has drawn since, this view draws its picture again.
 Result<void> DeviceView::Impl::draw_if_followed() {
   if (!drawn_by_team || scene.team_view == this) return {};
-  const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);
-  return drawn ? Result<void>() : drawn.error();
+  SCREE_TRY(draw_by_team(*drawn_by_team));
+  return {};
 }
 
 /// All samples of the picture, on the first GPU.
@@ -104,8 +105,8 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     drawing.part = kernels::FramePart::kPart;
     drawing.peeled = peeled;
     drawing.fragments = to;
-    const Result<kernels::FrameStats> drawn = blend_frames->draw(view, onto, drawing);
-    return drawn ? Result<void>() : drawn.error();
+    SCREE_TRY(blend_frames->draw(view, onto, drawing));
+    return {};
   };
   const auto shade = [&](const uint64_t* layer, float* light) {
     return resolver.shade_part(blended_scene, view, layer, blend_frames->transforms(), options, light, nullptr,
@@ -146,8 +147,8 @@ Result<void> DeviceView::read_over(const kernels::View& view, const kernels::Sha
   Impl& own = *impl_;
   SCREE_TRY(own.check_drawn(view));
   if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(own.scene.scene.view(), options))
-    return fail(ErrorCode::kRange, over.size(), " values for the layers of ", view.width, " x ", view.height,
-                " samples");
+    return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
   const float* const made = SCREE_TRY(own.blended_over(view, options));
   return cuda_check(cudaMemcpy(over.data(), made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
 }
@@ -155,8 +156,8 @@ Result<void> DeviceView::read_over(const kernels::View& view, const kernels::Sha
 Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
                                      std::span<float> colors) {
   if (colors.size() != uint64_t{3} * view.width * view.height)
-    return fail(ErrorCode::kRange, colors.size(), " values for the colours of ", view.width, " x ", view.height,
-                " samples");
+    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
   float* const made = SCREE_TRY(make_colors(view, options));
   return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the samples' colours");
@@ -216,22 +217,19 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   };
   if (impl.scene.team != nullptr) {
     const kernels::FrameStats drawn = SCREE_TRY(impl.draw_by_team(view));
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     time();
     return drawn;
   }
   if (stream == nullptr) {
     impl.streamed.reset();
     const kernels::FrameStats drawn = SCREE_TRY(impl.frames->draw(view, impl.sample_data(), {}, times));
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     return drawn;
   }
   if (DeviceBlockPager* const pager = impl.scene.scene.block_pager(); pager != nullptr) SCREE_TRY(pager->settle());
   const StreamStats streamed = SCREE_TRY(stream->draw_frame(view, shade, impl.sample_data(), is_over));
-  impl.width = view.width;
-  impl.height = view.height;
+  impl.set_size(view);
   impl.streamed = streamed;
   time();
   return streamed.drawn;
@@ -245,8 +243,7 @@ Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& jo
   SCREE_TRY(own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
                                        "allocating a second visibility buffer"));
   if (own.beside == nullptr) {
-    SCREE_TRY(
-        cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream"));
+    SCREE_TRY(own.beside.make(cudaStreamNonBlocking, kMostPriority));
     SCREE_TRY(own.order(nullptr, own.beside));
   } else {
     SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream"));  // of finish()
@@ -275,8 +272,7 @@ Result<bool> DeviceView::finish() {
     SCREE_TRY(own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data())));
   }
   std::swap(own.samples, own.second_samples);
-  own.width = view.width;
-  own.height = view.height;
+  own.set_size(view);
   return !finished.is_drawn_again;
 }
 
@@ -286,7 +282,9 @@ void* DeviceView::stream() const {
 
 Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
   const uint64_t count = uint64_t{impl_->width} * impl_->height;
-  if (count != samples.size()) return fail(ErrorCode::kRange, samples.size(), " samples, but the picture has ", count);
+  if (count != samples.size())
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
   uint64_t* const whole = SCREE_TRY(impl_->whole_samples());
   return impl_->copy(samples.data(), whole, samples.size_bytes(), cudaMemcpyDeviceToHost,
                      "reading the visibility buffer");
@@ -294,7 +292,9 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
 
 Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
   const uint64_t count = uint64_t{impl_->width} * impl_->height;
-  if (count != samples.size()) return fail(ErrorCode::kRange, samples.size(), " samples, but the picture has ", count);
+  if (count != samples.size())
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
   return impl_->copy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice,
                      "writing the visibility buffer");
 }
@@ -324,7 +324,9 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   if (pager != nullptr && stream == nullptr && !impl.drawn_by_team) SCREE_TRY(pager->settle());
   const float* over = nullptr;
   const auto start = std::chrono::steady_clock::now();
-  if (kernels::shows_layers(impl.scene.scene.view(), options)) over = SCREE_TRY(impl.blended_over(view, options));
+  if (kernels::shows_layers(impl.scene.scene.view(), options)) {
+    over = SCREE_TRY(impl.blended_over(view, options));
+  }
   if (from_colors && stream->colors() == nullptr)
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   if (from_colors || over != nullptr) {
@@ -347,7 +349,9 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
                                     options, device_pixels, impl.stream(), times, impl.scene.scene.texture_cache()));
   }
   if (pixels.empty()) return {};
-  if (pixels.size() != count) return fail(ErrorCode::kRange, pixels.size(), " pixels, but the picture has ", count);
+  if (pixels.size() != count)
+    return Error{ErrorCode::kRange,
+                 std::to_string(pixels.size()) + " pixels, but the picture has " + std::to_string(count)};
   return impl.copy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost, "reading the picture");
 }
 
@@ -418,8 +422,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
         impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
     if (done) done = impl.frames->start(view, impl.sample_data());
     if (!done) break;
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     done = make(started++);
   }
   // Also after an error: afterwards no queued work writes to the view's memory.
@@ -447,7 +450,8 @@ Result<std::optional<kernels::FrameStats>> DeviceView::draw_together(const Scene
 
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
   if (uint64_t{width} * height * sizeof(uint32_t) > impl_->pixels.bytes())
-    return fail(ErrorCode::kRange, "no picture of ", width, " x ", height, " pixels was made");
+    return Error{ErrorCode::kRange,
+                 "no picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels was made"};
   JpegHead head = SCREE_TRY(
       make_jpeg_head(width, height, quality, is_sharp, static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp))));
   std::vector<std::byte> coded = SCREE_TRY(impl_->jpeg.encode(pixels(), head.header, is_sharp));
@@ -499,10 +503,8 @@ Result<void> DeviceView::write(void* device, std::span<const std::byte> host) {
 
 Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {
   Impl& own = *impl_;
-  if (own.was_read == nullptr)
-    SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&own.was_read, cudaEventDisableTiming), "making an event"));
-  if (own.reads == nullptr)
-    SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&own.reads, cudaStreamNonBlocking), "making a stream"));
+  if (own.was_read == nullptr) SCREE_TRY(own.was_read.make(cudaEventDisableTiming));
+  if (own.reads == nullptr) SCREE_TRY(own.reads.make(cudaStreamNonBlocking));
   SCREE_TRY(own.order(own.stream(), own.reads));
   SCREE_TRY(cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
                        "reading a layer"));
@@ -529,7 +531,7 @@ Result<void> DeviceView::check_memory(const void* data) const {
   SCREE_TRY(cuda_check(cudaPointerGetAttributes(&found, data), "looking at a buffer"));
   const bool is_device = found.type == cudaMemoryTypeDevice && found.device == impl_->scene.device;
   if (is_device || found.type == cudaMemoryTypeManaged) return {};
-  return fail(ErrorCode::kUsage, "a buffer that is not in the memory of GPU ", impl_->scene.device);
+  return Error{ErrorCode::kUsage, "a buffer that is not in the memory of GPU " + std::to_string(impl_->scene.device)};
 }
 
 }  // namespace scree::runtime

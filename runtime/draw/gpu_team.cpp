@@ -55,8 +55,6 @@ GpuTeam::~GpuTeam() {
     (void)make_current(member);
     member.frames.reset();
     member.scene = CudaScene();
-    for (cudaEvent_t event : {member.drawn, member.joined, member.shaded_part})
-      if (event != nullptr) (void)cudaEventDestroy(event);
   }
 }
 
@@ -147,8 +145,8 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
     SCREE_TRY(make_current(member));
     if (divides_picture_) SCREE_TRY(scenes[i].copy_pages_of(scenes));
     stats_.device_bytes += scenes[i].stats().device_bytes;
-    for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
-      SCREE_TRY(cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event"));
+    for (kernels::DeviceEvent* const event : {&member.drawn, &member.joined, &member.shaded_part})
+      SCREE_TRY(event->make(cudaEventDisableTiming));
     member.frames = SCREE_TRY(kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues));
     if (!divides_picture_) SCREE_TRY(scenes[i].add_pages_of(scenes));
     member.shaded = scenes[i].view();
@@ -179,7 +177,7 @@ Result<void> GpuTeam::reserve(const kernels::View& view, uint64_t* samples) {
 /// waits for the other parts. Called by a thread per GPU; each thread waits until all have recorded the events that its
 /// GPU waits for.
 Result<void> GpuTeam::join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads) {
-  const auto meet = [&](cudaEvent_t Member::*event) -> Result<void> {
+  const auto meet = [&](kernels::DeviceEvent Member::*event) -> Result<void> {
     SCREE_TRY(cuda_check(cudaEventRecord(members_[index].*event, stream), "recording an event"));
     threads.arrive_and_wait();
     for (size_t i = 0; i < members_.size(); ++i)
@@ -231,18 +229,19 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_rows(size_t index, const ker
 Result<void> GpuTeam::gather_at(size_t index) {
   Member& member = members_[index];
   if (!divides_picture_ || member.has_all_rows) return {};
+  constexpr const char* kWhat = "copying other GPUs' samples";
   const KeptGpu kept;
-  Result<void> done = make_current(member);
-  for (size_t i = 0; i < members_.size() && done; ++i) {
+  SCREE_TRY(make_current(member));
+  for (size_t i = 0; i < members_.size(); ++i) {
     if (i == index || shares_.rows(i).is_empty()) continue;
     const uint64_t first = uint64_t{shares_.rows(i).first} * width_, end = uint64_t{shares_.rows(i).end} * width_;
-    done = cuda_check(cudaMemcpyAsync(buffers_.of[index] + first, buffers_.of[i] + first,
-                                      (end - first) * sizeof(uint64_t), cudaMemcpyDefault, nullptr),
-                      "copying other GPUs' samples");
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(buffers_.of[index] + first, buffers_.of[i] + first,
+                                         (end - first) * sizeof(uint64_t), cudaMemcpyDefault, nullptr),
+                         kWhat));
   }
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying other GPUs' samples");
-  member.has_all_rows = static_cast<bool>(done);
-  return done;
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), kWhat));
+  member.has_all_rows = true;
+  return {};
 }
 
 Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& view) {
@@ -338,8 +337,7 @@ Result<void> GpuTeam::shade_rows(uint32_t index, const kernels::View& view, uint
   SCREE_TRY(member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[index],
                                     member.frames->transforms(), options, pixels, nullptr, times, member.textures,
                                     rows));
-  if (index != 0) SCREE_TRY(cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event"));
-  return {};
+  return index == 0 ? Result<void>() : cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
 }
 
 /// The other GPUs wait for the first one's earlier work with `pixels`, and its later work waits for them.
@@ -355,8 +353,7 @@ Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_
   workers_->for_each(size(), [&](uint64_t i) {
     shaded[i] = shade_rows(static_cast<uint32_t>(i), view, samples_per_side, options, pixels, i == 0 ? times : nullptr);
   });
-  for (const Result<void>& each : shaded)
-    if (!each) return each;
+  for (const Result<void>& each : shaded) SCREE_TRY(each);
   SCREE_TRY(make_current(members_[0]));
   for (uint32_t i = 1; i < size(); ++i)
     SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, members_[i].shaded_part, 0), "ordering the GPUs"));

@@ -102,9 +102,9 @@ class GpuTeam {
     std::optional<kernels::CudaFrames> frames;
     kernels::CudaResolver resolver;
     kernels::DeviceBuffer samples;  // of the others
-    cudaEvent_t drawn = nullptr;    // the GPU has drawn the samples that are joined next
-    cudaEvent_t joined = nullptr;   // it has joined its part of the samples
-    cudaEvent_t shaded_part = nullptr;
+    kernels::DeviceEvent drawn;     // the GPU has drawn the samples that are joined next
+    kernels::DeviceEvent joined;    // it has joined its part of the samples
+    kernels::DeviceEvent shaded_part;
     bool has_all_rows = false;  // of the last picture, by gather_at()
   };
 

@@ -43,11 +43,10 @@ struct Library {
 struct NcclGroup::Impl {
   Library api;
   Comm comm = nullptr;
-  cudaEvent_t queued = nullptr;
+  kernels::DeviceEvent queued;
 
   /// The library stays open: its threads may outlive the connections.
   ~Impl() {
-    if (queued != nullptr) (void)cudaEventDestroy(queued);
     if (comm != nullptr) (void)api.ncclCommAbort(comm);
   }
 
@@ -102,7 +101,7 @@ Result<void> NcclGroup::connect(const Id& id, uint32_t number, uint32_t count, u
   SCREE_TRY(
       impl_->check(impl_->api.ncclCommInitRank(&impl_->comm, static_cast<int>(count), name, static_cast<int>(number)),
                    "connecting the ranks"));
-  SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&impl_->queued, cudaEventDisableTiming), "making an event"));
+  SCREE_TRY(impl_->queued.make(cudaEventDisableTiming));
   kernels::DeviceBuffer room = SCREE_TRY(
       kernels::DeviceBuffer::allocate(std::max<uint64_t>(words, 1) * sizeof(uint64_t), "allocating words to exchange"));
   SCREE_TRY(cuda_check(cudaMemset(room.data(), 0, room.bytes()), "clearing words to exchange"));

@@ -60,19 +60,6 @@ uint64_t CudaStream::kept_bytes(std::span<const uint64_t> chunk_bytes) {
 
 CudaStream::~CudaStream() {
   stop();
-  const auto destroy = [](cudaEvent_t event) {
-    if (event != nullptr) (void)cudaEventDestroy(event);
-  };
-  for (const Events& events : events_) {
-    destroy(events.moved);
-    destroy(events.begun);
-    destroy(events.loaded);
-  }
-  for (cudaEvent_t event : staged_) destroy(event);
-  destroy(drawing_begun_);
-  destroy(drawing_ended_);
-  if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
-  if (moves_ != nullptr) (void)cudaStreamDestroy(moves_);
 }
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
@@ -89,20 +76,19 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   room_ = room;
   const Residency& residency = streamer_.residency();
   SCREE_TRY(cuda_check(cudaGetDevice(&device_), "asking for the current GPU"));
-  // Passes may read a few bytes past a chunk.
   room_.bytes = residency.pool_bytes() + room_.room;
+  // Passes may read a few bytes past a chunk.
   SCREE_TRY(pool_.reserve(room_.bytes + Residency::kAlignment, "allocating the pool of chunks"));
   if (pager_ != nullptr) SCREE_TRY(pager_->use_room(room_end(), room_.room));
   SCREE_TRY(bounce_.reserve(bounce_bytes_, "allocating room to move chunks"));
   SCREE_TRY(visible_.open(streamer_.view(), scene_));
   SCREE_TRY(pages_.open(scene_, scene_.chunk_count));
   // Not ordered with the streams that draw, because the host waits for a load before it submits its drawing.
-  for (cudaStream_t* const stream : {&copies_, &moves_})
-    SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream"));
-  std::vector<cudaEvent_t*> made{&drawing_begun_, &drawing_ended_};
-  for (Events& events : events_) made.insert(made.end(), {&events.moved, &events.begun, &events.loaded});
-  for (cudaEvent_t& event : staged_) made.push_back(&event);
-  for (cudaEvent_t* const event : made) SCREE_TRY(cuda_check(cudaEventCreate(event), "making an event"));
+  for (kernels::DeviceStream* const stream : {&copies_, &moves_}) SCREE_TRY(stream->make(cudaStreamNonBlocking));
+  for (Events& events : events_)
+    for (kernels::DeviceEvent* const event : {&events.moved, &events.begun, &events.loaded}) SCREE_TRY(event->make());
+  for (kernels::DeviceEvent& event : staged_) SCREE_TRY(event.make());
+  for (kernels::DeviceEvent* const event : {&drawing_begun_, &drawing_ended_}) SCREE_TRY(event->make());
   SCREE_TRY(keep_in_host_memory(host_bytes));
   if (join_sizes_.any()) SCREE_TRY(joins_.emplace().open(join_sizes_, device_, pool_.data()));
   if (needs_staging()) SCREE_TRY(open_staging());
@@ -213,9 +199,9 @@ Result<void> CudaStream::keep(std::span<const Residency::Place> places, StreamJo
     pieces.push_back({pool_.data() + end, place.offset, place.bytes});
     end += room_of(place.bytes);
   }
-  Result<void> done = read(others);
-  if (!done || joined.empty()) return done;
-  done = joins.begin(0, nullptr, nullptr);
+  SCREE_TRY(read(others));
+  if (joined.empty()) return {};
+  Result<void> done = joins.begin(0, nullptr, nullptr);
   if (done) done = source_.send(joined, joins, workers_);
   const Result<void> ended = joins.end(copies_);
   if (done) done = ended;
@@ -334,7 +320,7 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
     bounced = 0;
     return {};
   };
-  const Result<void> done = each_run(moves, [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
+  const auto add = [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
     for (uint64_t moved = 0; moved < bytes;) {
       const uint64_t count = std::min(bounce_bytes_ - bounced, bytes - moved);
       there.push_back({pool_.data() + run.from + moved, bounce_.data() + bounced, count});
@@ -345,8 +331,9 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
       SCREE_TRY(bounce());
     }
     return {};
-  });
-  return done ? bounce() : done;
+  };
+  SCREE_TRY(each_run(moves, add));
+  return bounce();
 }
 
 /// Queues the copies, in any order: none may write memory that another reads or writes.
@@ -383,11 +370,9 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   // Moves run while the previous load is copied. They do not touch its places. A batch without moves waits too, because
   // its places may be those that the moves of an earlier batch without loads read or write.
-  Result<void> moved;
-  if (!batch.moves.empty()) moved = move(batch.moves);
-  if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
-  if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
-  if (!moved) return moved;
+  if (!batch.moves.empty()) SCREE_TRY(move(batch.moves));
+  SCREE_TRY(cuda_check(cudaEventRecord(events.moved, moves_), "recording a load"));
+  SCREE_TRY(cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load"));
   std::vector<Residency::Place> copied = batch.loads;
   const auto first_joined = std::stable_partition(
       copied.begin(), copied.end(), [&](const Residency::Place& place) { return !is_joined(place.chunk); });
@@ -408,14 +393,14 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
     joined_[number] = 0;
     done = copy_in(batch.loads, events, true);
   }
-  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
-  return done;
+  SCREE_TRY(done);
+  return cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
 }
 
 /// Loads chunks that the GPU could not join. Runs on the loader's thread.
 Result<void> CudaStream::copy_refused(std::span<const Residency::Place> places, uint32_t number) {
-  source_.refuse(places);
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
+  source_.refuse(places);
   SCREE_TRY(copy_in(places, events_[number], true));
   return cuda_check(cudaEventRecord(events_[number].loaded, copies_), "recording a load");
 }

@@ -106,9 +106,9 @@ class CudaStream final : public StreamTarget {
 
   /// The events of a load: moves done, copies begun, copies done.
   struct Events {
-    cudaEvent_t moved = nullptr;
-    cudaEvent_t begun = nullptr;
-    cudaEvent_t loaded = nullptr;
+    kernels::DeviceEvent moved;
+    kernels::DeviceEvent begun;
+    kernels::DeviceEvent loaded;
   };
   struct Load {
     std::future<Result<void>> issued;  // all its copies are queued
@@ -194,10 +194,10 @@ class CudaStream final : public StreamTarget {
   uint64_t joined_[kMostLoads] = {};          // bytes of a load that the GPU joins
   uint64_t joined_bytes_ = 0;                 // of all loads so far
   kernels::PinnedBuffer staging_[kStagings];  // if the GPU joins all chunks, made when it refuses one
-  cudaEvent_t staged_[kStagings] = {};        // the copies from a staging buffer are done
+  kernels::DeviceEvent staged_[kStagings];    // the copies from a staging buffer are done
   uint32_t stagings_ = 0;
-  cudaStream_t copies_ = nullptr;
-  cudaStream_t moves_ = nullptr;
+  kernels::DeviceStream copies_;
+  kernels::DeviceStream moves_;
   Events events_[kMostLoads];
   uint32_t loads_ = 0;
   std::deque<Load> loading_;
@@ -215,8 +215,8 @@ class CudaStream final : public StreamTarget {
   std::vector<uint32_t> shown_;  // nearest_shown(), by chunk
   // The part that is being drawn:
   PartOptions part_{};
-  cudaEvent_t drawing_begun_ = nullptr;
-  cudaEvent_t drawing_ended_ = nullptr;
+  kernels::DeviceEvent drawing_begun_;
+  kernels::DeviceEvent drawing_ended_;
   JobThread<Result<void>> loader_;  // the last member: it uses others until it ends
 };
 

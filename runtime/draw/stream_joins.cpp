@@ -56,11 +56,8 @@ StreamJoins::Sizes StreamJoins::sizes_for(uint64_t slot_bytes, uint32_t threads,
 }
 
 StreamJoins::~StreamJoins() {
-  for (const Region& region : regions_) {
+  for (const Region& region : regions_)
     if (region.stream != nullptr) (void)cudaStreamSynchronize(region.stream);
-    if (region.done != nullptr) (void)cudaEventDestroy(region.done);
-    if (region.stream != nullptr) (void)cudaStreamDestroy(region.stream);
-  }
 }
 
 Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions) {
@@ -76,9 +73,8 @@ Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena,
   for (uint32_t slot = 0; slot < sizes.slots; ++slot) free_.push_back(slot);
   regions_.resize(sizes.regions);
   for (Region& region : regions_) {
-    SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&region.stream, cudaStreamNonBlocking), "making a stream"));
-    SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&region.done, cudaEventDisableTiming | cudaEventBlockingSync),
-                         "making an event"));
+    SCREE_TRY(region.stream.make(cudaStreamNonBlocking));
+    SCREE_TRY(region.done.make(cudaEventDisableTiming | cudaEventBlockingSync));
     region.memory = regions + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
     region.joins.reserve(kernels::kMostJoinSlots);
     region.slots.reserve(kernels::kMostJoinSlots);
@@ -100,13 +96,12 @@ Result<void> StreamJoins::end(cudaStream_t stream) {
   const std::lock_guard<std::mutex> lock(mutex_);
   // If the last slot filled its region, the open one may still be at work, with slots of earlier loads. Their places
   // may hold other chunks by now, so it must not be launched again.
-  Result<void> done;
-  if (!open_region().is_launched && !open_region().slots.empty()) done = launch(open_region());
-  if (done && begun_ != nullptr) done = cuda_check(cudaEventRecord(begun_, stream), "recording a load");
-  begun_ = nullptr;
+  const cudaEvent_t begun = std::exchange(begun_, nullptr);
+  if (!open_region().is_launched && !open_region().slots.empty()) SCREE_TRY(launch(open_region()));
+  if (begun != nullptr) SCREE_TRY(cuda_check(cudaEventRecord(begun, stream), "recording a load"));
   for (const Region& region : regions_)
-    if (done && region.is_launched) done = cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load");
-  return done;
+    if (region.is_launched) SCREE_TRY(cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load"));
+  return {};
 }
 
 /// Joins the slots of the open region, and opens the next one, which may still be at work.
@@ -188,9 +183,9 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
                           static_cast<uint32_t>(plan.tasks().size()), memory,
                           reinterpret_cast<uint32_t*>(memory + history_at), flag_of(load_)});
   if (region.slots.size() == kernels::kMostJoinSlots)
-    if (const Result<void> launched = launch(region); !launched) {
+    if (const Result<void> done = launch(region); !done) {
       region.slots.pop_back();  // stays the caller's
-      return launched.error();
+      return done.error();
     }
   return true;
 }

@@ -66,8 +66,8 @@ class StreamJoins final : public JoinTarget {
 
   struct Region {
     std::byte* memory = nullptr;
-    cudaStream_t stream = nullptr;
-    cudaEvent_t done = nullptr;
+    kernels::DeviceStream stream;
+    kernels::DeviceEvent done;
     uint64_t end = 0;  // of the used bytes
     std::vector<kernels::JoinSlot> joins{};
     std::vector<uint32_t> slots{};
