@@ -36,13 +36,18 @@ Error refusal(const Result<T>& result, const char* file = __builtin_FILE(), int 
 }
 
 /// Checks that the error has this code, and a message with `words` in it.
-template <class T>
-void check_refusal(const Result<T>& result, ErrorCode code, const std::string& words,
-                   const char* file = __builtin_FILE(), int line = __builtin_LINE()) {
-  const Error error = refusal(result, file, line);
+inline void check_error(const Error& error, ErrorCode code, const std::string& words,
+                        const char* file = __builtin_FILE(), int line = __builtin_LINE()) {
   INFO(file << ':' << line << ": " << error.message);
   CHECK(error.code == code);
   CHECK(error.message.find(words) != std::string::npos);
+}
+
+/// The same for the error of a result.
+template <class T>
+void check_refusal(const Result<T>& result, ErrorCode code, const std::string& words,
+                   const char* file = __builtin_FILE(), int line = __builtin_LINE()) {
+  check_error(refusal(result, file, line), code, words, file, line);
 }
 
 /// Checks that the error is `expected`.

@@ -42,8 +42,7 @@ struct OtherWork {
 /// (Cascade Lake); at least 1. The maximum of two measurements: sorting, for branches and near caches; and filling,
 /// copying and gathering from fresh memory, for the kernel's page handling and the far caches.
 inline double slowness() {
-  constexpr double kSortSeconds = 0.0555;
-  constexpr double kMemorySeconds = 0.0855;
+  constexpr double kSortSeconds = 0.0555, kMemorySeconds = 0.0855;
   uint32_t state = 1;
   const auto next = [&state] {
     state ^= state << 13;

@@ -16,9 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/tools/temp_folder.h"
 
 namespace {
@@ -26,8 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Expectation {
-  std::string verb;
-  std::string text;
+  std::string verb, text;
 };
 
 struct Step {
@@ -55,8 +52,7 @@ std::vector<Step> parse_steps(const fs::path& path) {
 }
 
 void run_step(const Step& step, const fs::path& folder) {
-  const fs::path out = folder / ".stdout";
-  const fs::path err = folder / ".stderr";
+  const fs::path out = folder / ".stdout", err = folder / ".stderr";
   const std::string script =
       "cd '" + folder.string() + "' && PATH='" + fs::path(scree::tests::kProgram).parent_path().string() + "':'" +
       fs::path(scree::tests::kLabProgram).parent_path().string() + "':\"$PATH\" DATA='" + scree::tests::kDataFolder +

@@ -117,8 +117,7 @@ std::vector<uint32_t> words_of(const Buffer& buffer) {
 
 std::string check_intrinsics() {
   constexpr uint32_t kAll = kThreads * kBlocks;
-  Buffer wrong = buffer_of(kAll * sizeof(uint32_t));
-  Buffer sums = buffer_of((3 + kAll) * sizeof(uint64_t));
+  Buffer wrong = buffer_of(kAll * sizeof(uint32_t)), sums = buffer_of((3 + kAll) * sizeof(uint64_t));
   must(cudaMemset(sums.data(), 0, sums.bytes()));
   must(cudaMemset(sums.data() + 2 * sizeof(uint64_t), 0xff, sizeof(uint64_t)));
   intrinsics<<<kBlocks, kThreads>>>(reinterpret_cast<uint32_t*>(wrong.data()),
@@ -134,8 +133,7 @@ std::string check_intrinsics() {
 
 std::string check_shared_memory() {
   constexpr uint32_t kAll = kThreads * kBlocks;
-  Buffer from = buffer_of(kThreads * sizeof(uint4));
-  Buffer sums = buffer_of(kAll * sizeof(uint32_t));
+  Buffer from = buffer_of(kThreads * sizeof(uint4)), sums = buffer_of(kAll * sizeof(uint32_t));
   Buffer garbage = buffer_of(kAll * sizeof(uint32_t));
   std::vector<uint4> host(kThreads);
   uint32_t expected = 0;

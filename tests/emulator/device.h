@@ -73,8 +73,7 @@ class Launch {
 
  private:
   const void* kernel_;
-  dim3 blocks_;
-  dim3 threads_;
+  dim3 blocks_, threads_;
   size_t shared_bytes_;
   cudaStream_t stream_;
 };

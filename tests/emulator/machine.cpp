@@ -2,7 +2,6 @@
 
 #include <sys/mman.h>
 
-#include <algorithm>
 #include <array>
 #include <boost/context/fiber.hpp>
 #include <cstdarg>
@@ -112,8 +111,7 @@ struct Lane {
 struct Turn {
   uint32_t first;
   bool is_backwards;
-  uint32_t visited;
-  uint32_t ran;
+  uint32_t visited, ran;
 };
 
 struct Block {
@@ -353,9 +351,8 @@ const Passed& exchange_in_warp(const char* what, uint32_t mask, uint64_t value) 
     barrier->what = what;
     passed.odd = 0;
   }
-  if (barrier->what != what && std::strcmp(barrier->what, what) != 0) {
+  if (barrier->what != what && std::strcmp(barrier->what, what) != 0)
     fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, barrier->what);
-  }
   passed.values[lane.number] = value;
   passed.odd |= static_cast<uint32_t>(value & 1u) << lane.number;
   barrier->arrived |= 1u << lane.number;

@@ -66,8 +66,7 @@ void pause_at_atomic();
 
 /// Bytes that are allocated now, and their peak, on a GPU or of pinned memory. reset_peaks() resets the peak.
 struct MemoryInUse {
-  uint64_t now = 0;
-  uint64_t peak = 0;
+  uint64_t now = 0, peak = 0;
 };
 MemoryInUse memory_of_gpu(int index);
 MemoryInUse pinned_memory();
@@ -79,8 +78,7 @@ uint32_t random_below(uint32_t bound);
 /// A launched kernel with its parameters. Only one runs at a time: the caller of run() holds a lock.
 struct Grid {
   const char* name;
-  dim3 blocks;
-  dim3 threads;
+  dim3 blocks, threads;
   size_t shared_bytes;
   std::function<void()> lane;  // code of each lane
 };

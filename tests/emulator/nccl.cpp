@@ -34,10 +34,8 @@ struct Room {
 };
 
 struct Group {
-  int rank = 0;
-  int count = 0;
-  uint64_t barriers = 0;
-  uint64_t exchanges = 0;
+  int rank = 0, count = 0;
+  uint64_t barriers = 0, exchanges = 0;
   std::byte* memory = nullptr;
 
   size_t bytes() const { return kSlotBytes * (static_cast<size_t>(count) + 1); }

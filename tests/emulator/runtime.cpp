@@ -64,8 +64,7 @@ struct CUgraphExec_st {
 struct CUstream_st {
   int gpu = 0;
   bool waits_for_null = false;  // ordered with the null stream of its GPU, both ways
-  bool is_destroyed = false;
-  bool is_running = false;
+  bool is_destroyed = false, is_running = false;
   uint64_t done = 0;
   std::deque<Work> waiting;
 
@@ -97,8 +96,7 @@ struct Allocation {
 };
 
 struct Gpu {
-  int major = 9;
-  int minor = 0;
+  int major = 9, minor = 0;
   size_t bytes = kDeviceBytes;
 };
 

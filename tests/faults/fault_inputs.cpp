@@ -1,7 +1,6 @@
 #include "tests/faults/fault_inputs.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <numeric>
@@ -11,10 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/windows/window.h"
@@ -65,9 +62,7 @@ void write_shuffled(const TempFolder& folder) {
   for (float& value : points) value = static_cast<float>(random() % 10000) * 0.01f;
   std::vector<uint32_t> corners(3 * kTriangles);
   for (uint32_t& corner : corners) corner = static_cast<uint32_t>(random() % kVertices);
-  ModelMaker maker(folder.file("shuffled.gltf"));
-  maker.node("shuffled", maker.mesh("shuffled", {maker.primitive(points, corners)}));
-  maker.finish();
+  make_model(folder.file("shuffled.gltf"), points, corners);
 }
 
 /// giant.gltf and lying.gltf: a primitive of so many windows that one thread has written a page of it before the last,
@@ -138,10 +133,8 @@ FaultInputs::FaultInputs() {
   tests::make_model(folder_.file("in.gltf"), [&](ModelMaker& maker) {
     const GridSpec spec{.uv = true, .color = true, .normal = true};
     const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe));
-    const std::string png = read_whole(data_path("checker.png").string());
-    const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-    maker.node("a", maker.mesh("a", {maker.grid(spec, jpeg), maker.grid(spec, checker)}));
-    maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
+    maker.draw("a", {maker.grid(spec, jpeg), maker.grid(spec, maker.checker("png"))});
+    maker.draw("b", {maker.grid(GridSpec{})}, {1.5, 0, 0});
   });
   write_scattered(folder_);
   write_shuffled(folder_);

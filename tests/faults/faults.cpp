@@ -18,8 +18,7 @@ struct Shared {
   std::atomic<bool> has_failed;
   std::atomic_flag lock;  // for the sites
   Plan plan;
-  std::atomic<uint64_t> calls;
-  std::atomic<uint64_t> run_number;
+  std::atomic<uint64_t> calls, run_number;
   std::atomic<int64_t> live;
   char failed_call[64];
   uint64_t site_count;

@@ -42,7 +42,6 @@
 #include <vector>
 
 #include "tests/faults/experiment.h"
-#include "tests/faults/faults.h"
 
 namespace {
 
@@ -111,10 +110,8 @@ std::optional<Options> parse(int argc, char** argv) {
 struct Progress {
   std::atomic<uint64_t> next;
   std::atomic<uint64_t> most;  // most calls of any run without a failure
-  std::atomic<uint64_t> refused;
-  std::atomic<uint64_t> borne;
-  std::atomic<uint64_t> missed;
-  std::atomic<uint64_t> wrong;
+  std::atomic<uint64_t> refused, borne;
+  std::atomic<uint64_t> missed, wrong;
 };
 
 template <class T>
@@ -150,7 +147,7 @@ class Worker {
       if (!options_.resumes || run.code == 0) continue;
       const faults::Run again = experiment_.run_again();
       if (const std::string fault = fault_of(again, expected_, ""); !fault.empty())
-        tell(failed + " failed before, and then", fault, again);
+        print_failure(failed + " failed before, and then", fault, again);
     }
   }
 
@@ -187,12 +184,13 @@ class Worker {
       ++(run.code == 0 ? progress_.borne : progress_.refused);
     }
     if (fault.empty()) return true;
-    tell((failed.empty() ? "nothing" : failed) + (options_.plan.kind == faults::Kind::kShort ? " stops" : " fails"),
-         fault, run);
+    print_failure(
+        (failed.empty() ? "nothing" : failed) + (options_.plan.kind == faults::Kind::kShort ? " stops" : " fails"),
+        fault, run);
     return false;
   }
 
-  void tell(const std::string& when, const std::string& fault, const faults::Run& run) {
+  void print_failure(const std::string& when, const std::string& fault, const faults::Run& run) {
     if (++progress_.wrong > kMostShown) return;
     std::fprintf(out_, "%s: %s %s: %s\n", when.c_str(), options_.words[1].c_str(), fault.c_str(),
                  run.errors.substr(0, run.errors.find("    #14")).c_str());

@@ -1,13 +1,11 @@
 // Runs every command with each call failing once (for files, memory and the GPU), and with reads and writes that stop
 // half way, by scree_faults.
 #include <algorithm>
-#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <thread>
 
 #include "runtime/draw/device_scene.h"
-#include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
 #include "tests/gpu.h"
 #include "tests/runtime/load_scene.h"

@@ -41,9 +41,7 @@ TEST_CASE("unpack equals reading bit by bit at every width and bit offset", "[bi
   for (std::byte& byte : bytes) byte = static_cast<std::byte>(random());
   for (uint32_t bits = 0; bits <= 32; ++bits) {
     for (uint64_t offset = 0; offset <= 128; ++offset) {
-      if (unpack(bytes.data(), offset, bits) != bit_by_bit(bytes, offset, bits)) {
-        FAIL(bits << " bits at " << offset);
-      }
+      if (unpack(bytes.data(), offset, bits) != bit_by_bit(bytes, offset, bits)) FAIL(bits << " bits at " << offset);
     }
   }
 }
@@ -74,9 +72,8 @@ TEST_CASE("unpack reads bits past 2^32", "[bitpack]") {
   const uint64_t offset = index * bits;
   REQUIRE(offset > uint64_t{0xffffffffu});
   const uint32_t value = 0x15a5du;
-  for (uint32_t i = 0; i < bits; ++i) {
+  for (uint32_t i = 0; i < bits; ++i)
     if ((value >> i) & 1u) bytes[(offset + i) / 8] |= std::byte{1} << ((offset + i) % 8);
-  }
   CHECK(unpack(bytes, offset, bits) == value);
   CHECK(unpack(bytes, offset & 0xffffffffu, bits) == 0);  // a 32-bit product would give this address
 }

@@ -10,8 +10,7 @@ namespace scree::fuzz {
 namespace {
 
 void uvs(Parameters& in, uint32_t count) {
-  format::UvRange range;
-  range.exponent = in.take<int16_t>();
+  format::UvRange range{.exponent = in.take<int16_t>()};
   for (int64_t& min : range.min) min = in.take<int64_t>();
   for (uint8_t& bits : range.bits) bits = in.take<uint8_t>();
   const ExactCopy stream(in.rest());
@@ -30,7 +29,7 @@ void colors(Parameters& in, uint32_t count) {
   if (!decoded) return;
   std::vector<std::byte> again(format::color_stream_bytes(count));
   format::encode_colors(again, values);
-  must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "colours have one form");
+  must(std::ranges::equal(again, stream.bytes()), "colours have one form");
 }
 
 void normals(Parameters& in, uint32_t count) {
@@ -47,9 +46,7 @@ void normals(Parameters& in, uint32_t count) {
 }
 
 void source_ids(Parameters& in, uint32_t count) {
-  format::SourceIdRange range;
-  range.min = in.take<uint64_t>();
-  range.bits = in.take<uint8_t>();
+  format::SourceIdRange range{.min = in.take<uint64_t>(), .bits = in.take<uint8_t>()};
   const ExactCopy stream(in.rest());
   std::vector<uint64_t> values(count);
   const auto decoded = format::decode_source_ids(values, range, stream.bytes());
@@ -57,7 +54,7 @@ void source_ids(Parameters& in, uint32_t count) {
   if (!decoded) return;
   std::vector<std::byte> again(format::packed_bytes(count, range.bits));
   format::encode_source_ids(again, values, range);
-  must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "ids have one form");
+  must(std::ranges::equal(again, stream.bytes()), "ids have one form");
 }
 
 void second_uvs(Parameters& in, uint32_t count) {
@@ -75,8 +72,7 @@ void second_uvs(Parameters& in, uint32_t count) {
 }
 
 void tangents(Parameters& in, uint32_t count) {
-  const uint32_t bits = in.take<uint8_t>();
-  const uint32_t seed = in.take<uint32_t>();
+  const uint32_t bits = in.take<uint8_t>(), seed = in.take<uint32_t>();
   std::vector<float> normals(3 * size_t{count}), values(4 * size_t{count});
   for (uint32_t i = 0; i < count; ++i)
     format::decode_octahedral((seed + i * 40503u) % 4095, (seed / 7 + i * 30011u) % 4095, 12, &normals[3 * size_t{i}]);
@@ -87,15 +83,14 @@ void tangents(Parameters& in, uint32_t count) {
   if (!decoded) return;
   std::vector<std::byte> again(format::tangent_stream_bytes(count, bits));
   must(format::encode_tangents(again, values, normals, bits) == 0, "a decoded tangent has a direction");
-  must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "tangents have one form");
+  must(std::ranges::equal(again, stream.bytes()), "tangents have one form");
 }
 
 }  // namespace
 
 void attribute_codec(Bytes bytes) {
   Parameters in(bytes);
-  const uint32_t kind = in.take<uint8_t>() % 6;
-  const uint32_t count = in.take<uint16_t>() % 2048;
+  const uint32_t kind = in.take<uint8_t>() % 6, count = in.take<uint16_t>() % 2048;
   switch (kind) {
     case 0:
       return uvs(in, count);

@@ -19,13 +19,11 @@ void container(Bytes bytes) {
 
   const inspect::VerifyReport report = inspect::verify(*file, copy.bytes(), 1);
   must(report.failures.size() == std::min<uint64_t>(report.failure_count, inspect::kMaxFailures), "failures are told");
-  const inspect::Stats stats = inspect::gather(*file, copy.bytes(), 10, true);
-  (void)inspect::text_report(*file, stats, "fuzz.scree");
+  (void)inspect::text_report(*file, inspect::gather(*file, copy.bytes(), 10, true), "fuzz.scree");
   (void)inspect::text_verify(report);
 
   const std::string path = Folder::file("out.glb");
-  tools::ExportOptions options;
-  options.threads = 1;
+  tools::ExportOptions options{.threads = 1};
   const auto exported = tools::export_gltf(*file, path, options);
   std::error_code ignored;
   const bool is_there = std::filesystem::remove(path, ignored);

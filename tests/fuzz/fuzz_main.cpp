@@ -1,5 +1,4 @@
 // The libFuzzer entry of the target that SCREE_FUZZ_TARGET names.
-#include <cstdint>
 #include <string_view>
 
 #include "tests/fuzz/mutate_container.h"

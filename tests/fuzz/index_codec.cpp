@@ -22,7 +22,7 @@ void index_codec(Bytes bytes) {
     for (const uint32_t index : indices) must(index < vertex_count, "an index is below the vertex count");
     std::vector<std::byte> again(format::packed_bytes(count, range.bits));
     format::encode_indices(again, indices, range);
-    must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "indices have one form");
+    must(std::ranges::equal(again, stream.bytes()), "indices have one form");
   }
   // Counts that exceed any stream.
   (void)format::checked_packed_bytes("indices", huge_count, range.bits);

@@ -9,10 +9,10 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <new>
 #include <string>
 #include <vector>
 
+#include "tests/exact_copy.h"
 #include "tests/fuzz/targets.h"
 
 namespace scree::fuzz {
@@ -43,27 +43,7 @@ class Parameters {
   Bytes bytes_;
 };
 
-/// A copy in a heap block of exactly its size, aligned like a map, so that ASan detects every read past its end.
-class ExactCopy {
- public:
-  // Not inlined: at -O1, g++ 12 assumes that the size may be negative, and warns.
-  [[gnu::noinline]] explicit ExactCopy(Bytes bytes, size_t size)
-      : data_(static_cast<std::byte*>(::operator new(size, kAlignment))), size_(size) {
-    const size_t copied = std::min(size, bytes.size());
-    if (copied > 0) std::memcpy(data_, bytes.data(), copied);
-    if (size > copied) std::memset(data_ + copied, 0, size - copied);
-  }
-  explicit ExactCopy(Bytes bytes) : ExactCopy(bytes, bytes.size()) {}
-  ~ExactCopy() { ::operator delete(data_, kAlignment); }
-  ExactCopy(const ExactCopy&) = delete;
-  ExactCopy& operator=(const ExactCopy&) = delete;
-  Bytes bytes() const { return {data_, size_}; }
-
- private:
-  static constexpr std::align_val_t kAlignment{64};
-  std::byte* data_;
-  size_t size_;
-};
+using tests::ExactCopy;
 
 /// A folder of this process, in memory if possible, removed at exit.
 class Folder {

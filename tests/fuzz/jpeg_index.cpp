@@ -43,8 +43,7 @@ void jpeg_index(Bytes bytes) {
   const auto bound = format::jpeg_index_bound(*header, *size);
   must(bool(bound), "a rebuilt file can be indexed");
   std::vector<std::byte> again(*bound);
-  const auto encoded = format::encode_jpeg_index(again, *header, {file.data(), *size});
-  must(bool(encoded), "a rebuilt file is indexed");
+  must(bool(format::encode_jpeg_index(again, *header, {file.data(), *size})), "a rebuilt file is indexed");
 }
 
 }  // namespace scree::fuzz

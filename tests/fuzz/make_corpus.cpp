@@ -2,7 +2,6 @@
 // table needs new ones.
 #include <meshoptimizer.h>
 
-#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -16,17 +15,11 @@
 #include "format/geometry/position_codec.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
-#include "tests/format/container/reseal.h"
 #include "tests/format/geometry/index_range.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
-#include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #ifdef SCREE_TESTS_DRACO
 #include "tests/tools/gltf/draco_streams.h"
@@ -35,7 +28,6 @@
 #include "tests/runtime/images/webp_files.h"
 #endif
 #include "tests/tools/packed_file.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/clusters/cluster_builder.h"
 
 namespace scree::tests {
@@ -194,12 +186,7 @@ void make_cluster_seed(uint32_t side, tools::ClusterEffort effort, const std::st
 void make_jpeg_seeds() {
   std::vector<JpegRecipe> recipes;
   const auto add = [&](const char* name, auto change) {
-    JpegRecipe recipe;
-    recipe.name = name;
-    recipe.width = 21;
-    recipe.height = 19;
-    recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-    recipe.quality = 60;
+    JpegRecipe recipe{.name = name, .width = 21, .height = 19, .factors = {{2, 2}, {1, 1}, {1, 1}}, .quality = 60};
     change(recipe);
     recipes.push_back(recipe);
   };
@@ -307,8 +294,7 @@ void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   const std::span<std::byte> data =
       file.subspan(static_cast<size_t>(index.data.data() - file.data()), index.data.size());
   for (size_t i = 5; i < data.size(); i += 23) data[i] ^= std::byte{1} << (i % 8);
-  const auto damaged = must(format::open_jpeg_index(jpeg));
-  REQUIRE(!jpeg::rebuild(damaged));
+  REQUIRE(!jpeg::rebuild(must(format::open_jpeg_index(jpeg))));
 }
 
 /// The container with its texture's data damaged, resealed. It opens and can be drawn: only the verification decodes
@@ -398,8 +384,7 @@ void make_meshopt_seed(const TempFolder& folder) {
   add_chunk(0x004e4942, bin);
   glb.save("gltf", "meshopt.glb");
   const auto seed = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt.glb";
-  const auto packed = must(pack(seed.string(), folder.file("meshopt.scree")));
-  REQUIRE(packed.file.meshes().size() == 2);
+  REQUIRE(must(pack(seed.string(), folder.file("meshopt.scree"))).file.meshes().size() == 2);
 }
 
 /// A grid with KTX2 and DDS textures, some of them with levels.
@@ -410,8 +395,7 @@ std::string block_model(const TempFolder& folder) {
   spec.columns = spec.rows = 2;
   spec.uv = true;
   for (const auto& [name, bytes] : block_files()) {
-    const uint32_t material = maker.textured(name, format::ImageCodec::kBlocks, bytes);
-    maker.node(name, maker.mesh(name, {maker.grid(spec, material)}));
+    maker.draw(name, {maker.grid(spec, maker.textured(name, format::ImageCodec::kBlocks, bytes))});
     spec.origin[0] += 1.1f;
   }
   maker.finish();

@@ -14,8 +14,7 @@ namespace {
 using namespace scree::format;
 
 struct Piece {
-  size_t offset;
-  size_t bytes;
+  size_t offset, bytes;
 };
 
 /// The meaningful parts of the file: records, pages, entries of the table of contents, the header. Most of a small file

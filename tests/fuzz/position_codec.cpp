@@ -9,8 +9,7 @@ namespace scree::fuzz {
 
 void position_codec(Bytes bytes) {
   Parameters in(bytes);
-  format::MeshLattice lattice;
-  lattice.exponent = in.take<int16_t>();
+  format::MeshLattice lattice{.exponent = in.take<int16_t>()};
   for (int64_t& min : lattice.min) min = in.take<int64_t>();
   for (uint8_t& bits : lattice.bits) bits = in.take<uint8_t>();
   format::PositionRange range;

@@ -39,9 +39,7 @@ void scene(Bytes bytes) {
   options.texture_cache = options.texture_memory = 65536;
   const auto loaded = runtime::Scene::load(std::move(*file), *chosen, options);
   if (!loaded) return;
-  runtime::CameraOptions camera;
-  camera.width = 40;
-  camera.height = 24;
+  runtime::CameraOptions camera{.width = 40, .height = 24};
   draw(*loaded, camera);
   for (const runtime::PlacedCamera& placed : runtime::placed_cameras(loaded->container(), *chosen)) {
     camera.camera = std::to_string(placed.camera);

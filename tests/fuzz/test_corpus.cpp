@@ -9,13 +9,11 @@
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/fuzz/targets.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
+#include "tests/tools/gltf/read_all.h"
 #include "tools/gltf/source.h"
 #include "tools/inspect/verify.h"
 
@@ -57,30 +55,25 @@ TEST_CASE("fuzz corpus: a damaged texture is drawn, and --verify finds it", "[fu
   const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / "container";
   CHECK(picture_of(folder / "magnified_damaged") != picture_of(folder / "magnified"));
   const auto map = must(runtime::MappedFile::open((folder / "magnified_damaged").string()));
-  const auto container = must(format::Container::open(map.bytes()));
-  CHECK(inspect::verify(container, map.bytes(), 1).failure_count == 1);
+  CHECK(inspect::verify(must(format::Container::open(map.bytes())), map.bytes(), 1).failure_count == 1);
 }
 TEST_CASE("fuzz corpus: the seed that meshopt compressed is unpacked", "[fuzz]") {
   const auto path = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt.glb";
   const auto scene = must(convert::import_gltf(path.string(), {}));
   REQUIRE(scene.primitives.size() == 2);
-  std::vector<uint32_t> triangles(3 * 50), sequence(3 * 50);
-  REQUIRE(convert::read_triangles(scene.primitives[0], 0, 50, triangles));
-  REQUIRE(convert::read_triangles(scene.primitives[1], 0, 50, sequence));
-  CHECK(std::is_permutation(triangles.begin(), triangles.end(), sequence.begin()));
+  const std::vector<uint32_t> triangles = tests::all_corners(scene.primitives[0]);
+  const std::vector<uint32_t> sequence = tests::all_corners(scene.primitives[1]);
+  REQUIRE(triangles.size() == 3 * 50);
+  CHECK(std::is_permutation(triangles.begin(), triangles.end(), sequence.begin(), sequence.end()));
 }
 TEST_CASE("fuzz corpus: the seed of version 1 of meshopt's vertex codec is unpacked", "[fuzz]") {
   const auto path = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt_v1.glb";
   const auto scene = must(convert::import_gltf(path.string(), {}));
   REQUIRE(scene.primitives.size() == 1);
   const convert::Primitive& primitive = scene.primitives[0];
-  std::vector<float> positions(3 * 36), colors(4 * 36), normals(3 * 36);
-  REQUIRE(convert::read_floats(primitive.positions, 0, 36, positions));
-  REQUIRE(convert::read_floats(*primitive.color, 0, 36, colors));
-  REQUIRE(convert::read_floats(*primitive.normal, 0, 36, normals));
-  CHECK(positions[3 * 35] == 5);
-  CHECK(colors[4 * 35] > 0.99f);
-  CHECK(normals[3 * 35 + 2] == 1);
+  CHECK(tests::all_values(primitive.positions).at(3 * 35) == 5);
+  CHECK(tests::all_values(*primitive.color).at(4 * 35) > 0.99f);
+  CHECK(tests::all_values(*primitive.normal).at(3 * 35 + 2) == 1);
 }
 
 }  // namespace

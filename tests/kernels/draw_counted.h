@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "tests/kernels/scene_builder.h"
-#include "tests/results.h"
 
 namespace scree::tests {
 

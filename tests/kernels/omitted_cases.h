@@ -56,8 +56,7 @@ class RemainingScene {
   }
 
  private:
-  kernels::SceneView whole_;
-  kernels::SceneView view_;
+  kernels::SceneView whole_, view_;
   std::vector<format::InstanceRecord> instances_;
   std::vector<uint64_t> numbers_;  // of these, in the whole scene
   std::vector<uint64_t> bases_;

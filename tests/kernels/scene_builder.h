@@ -15,7 +15,6 @@
 #include "format/geometry/tangent_codec.h"
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/material_views.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
@@ -26,10 +25,8 @@ namespace scree::tests {
 struct Soup {
   std::vector<float> positions;
   std::vector<uint32_t> indices;
-  std::vector<float> uvs;
-  std::vector<float> colors;
-  std::vector<float> normals;
-  std::vector<float> second_uvs;
+  std::vector<float> uvs, colors;
+  std::vector<float> normals, second_uvs;
   std::vector<float> tangents;  // with normals
 
   uint32_t add(double x, double y, double z) {
@@ -59,6 +56,10 @@ inline Encoding float32() {
 
 class SceneBuilder {
  public:
+  SceneBuilder() = default;
+  /// One mesh, drawn once, at its own place.
+  explicit SceneBuilder(const Soup& soup, const Encoding& encoding = {}) { instance(mesh(soup, encoding), identity()); }
+
   /// Adds a mesh of the soup's triangles, cut into chunks that keep the soup's vertex order. Returns its number.
   uint32_t mesh(const Soup& soup, const Encoding& encoding) {
     format::MeshRecord mesh{};
@@ -77,10 +78,7 @@ class SceneBuilder {
       hi[i % 3] = std::max(hi[i % 3], soup.positions[i]);
     }
     format::MeshLattice lattice;
-    if (!encoding.float32) {
-      auto chosen = must(format::lattice_of_exponent(lo, hi, encoding.exponent));
-      lattice = chosen;
-    }
+    if (!encoding.float32) lattice = must(format::lattice_of_exponent(lo, hi, encoding.exponent));
     mesh.position_encoding = encoding.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
     mesh.lattice_exponent = encoding.float32 ? 0 : encoding.exponent;
     for (size_t i = 0; i < 3; ++i) {
@@ -206,9 +204,8 @@ class SceneBuilder {
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
     std::vector<uint32_t> indices;
-    for (uint32_t i : global) {
+    for (uint32_t i : global)
       indices.push_back(static_cast<uint32_t>(std::lower_bound(used.begin(), used.end(), i) - used.begin()));
-    }
     const auto gather = [&](const std::vector<float>& values, size_t width) {
       std::vector<float> out;
       for (uint32_t v : used)
@@ -373,8 +370,7 @@ inline Soup grid(uint32_t n, double amplitude) {
   Soup soup;
   for (uint32_t j = 0; j <= n; ++j) {
     for (uint32_t i = 0; i <= n; ++i) {
-      const double x = 2.0 * i / n - 1.0;
-      const double z = 2.0 * j / n - 1.0;
+      const double x = 2.0 * i / n - 1.0, z = 2.0 * j / n - 1.0;
       soup.add(x, amplitude * std::sin(7 * x + 1) * std::cos(9 * z), z);
     }
   }

@@ -13,7 +13,6 @@
 #include "lab/scenes/chunk_plan.h"
 #include "lab/setup/views.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/full_disk.h"
 #include "tests/lab/host_chunks.h"
 #include "tests/lab/refused.h"
@@ -32,12 +31,7 @@ size_t commas(const std::string& line) {
 }
 
 CaseResult sample_result() {
-  CaseResult result;
-  result.scene = "A";
-  result.order = "row";
-  result.positions = "16";
-  result.indices = "packed";
-  result.view = "overview";
+  CaseResult result{.scene = "A", .order = "row", .positions = "16", .indices = "packed", .view = "overview"};
   result.width = 1920;
   result.height = 1080;
   result.frames = 60;

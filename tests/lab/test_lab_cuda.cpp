@@ -10,7 +10,6 @@
 #include "lab/setup/machine.h"
 #include "lab/setup/views.h"
 #include "runtime/draw/device_list.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/lab/host_chunks.h"
 #include "tests/results.h"
@@ -59,7 +58,7 @@ void check_picture(const synth::Scene& scene, const Encoding& encoding) {
     must(frames.draw(view, {}, ms));
     CHECK(ms.frame > 0);
     const std::vector<uint64_t> samples = must(frames.samples());
-    CHECK(std::equal(samples.begin(), samples.end(), expected.begin(), expected.end()));
+    CHECK(std::ranges::equal(samples, expected));
   }
 }
 
@@ -72,16 +71,14 @@ Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
   const FrameOptions options{.culling = culling};
   FrameMs ms;
   const kernels::FrameStats stats = must(frames.draw(view, options, ms));
-  std::vector<uint64_t> samples = must(frames.samples());
-  return {std::move(samples), stats.clusters_drawn};
+  return {must(frames.samples()), stats.clusters_drawn};
 }
 
 /// Each frame after a jump of the camera is followed by one with a still camera. Some are orthographic, and some have
 /// another size. `used` and `fresh` differ in the state that earlier frames left. `sizes`: for `used`.
 void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQueueSizes& sizes) {
   const ResidentScene resident = must(ResidentScene::generate(scene, kClustered[0]));
-  Frames used = must(Frames::create(resident, sizes));
-  Frames fresh = must(Frames::create(resident));
+  Frames used = must(Frames::create(resident, sizes)), fresh = must(Frames::create(resident));
   std::mt19937 random(1);
   uint64_t clusters[3] = {};  // with all culling, by bounds only, without culling
   for (int i = 0; i < cameras; ++i) {
@@ -89,11 +86,9 @@ void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQu
                                                    : tests::random_view(scene, random, i, {640, 360}, {333, 517});
     INFO(scene.name << ", camera " << i);
     const Drawn all = draw(fresh, view, {false, false});
-    const Drawn jumped = draw(used, view, {true, true});
-    const Drawn still = draw(used, view, {true, true});
+    const Drawn jumped = draw(used, view, {true, true}), still = draw(used, view, {true, true});
     const Drawn bounds = draw(fresh, view, {true, false});
-    const bool equal = jumped.samples == all.samples && still.samples == all.samples && bounds.samples == all.samples;
-    CHECK(equal);
+    CHECK((jumped.samples == all.samples && still.samples == all.samples && bounds.samples == all.samples));
     clusters[0] += still.clusters;
     clusters[1] += bounds.clusters;
     clusters[2] += all.clusters;
@@ -179,11 +174,9 @@ TEST_CASE("a first frame culls clusters that earlier clusters hide", "[cuda]") {
   for (int i = 0; i < 2; ++i) {
     Frames frames = must(Frames::create(resident, sizes));
     const kernels::View view = tests::random_view(scene, random, i, {160, 90}, {61, 101});
-    const Drawn bounds = draw(frames, view, {true, false});
-    const Drawn first = draw(frames, view, {true, true});
+    const Drawn bounds = draw(frames, view, {true, false}), first = draw(frames, view, {true, true});
     INFO("camera " << i << ": " << first.clusters << " of " << bounds.clusters);
-    const bool equal = first.samples == bounds.samples;
-    CHECK(equal);
+    CHECK((first.samples == bounds.samples));
     CHECK(first.clusters > 0);
     CHECK(first.clusters < bounds.clusters);
   }

@@ -7,7 +7,6 @@
 #include "lab/peer/peer_case.h"
 #include "lab/scenes/scene_tables.h"
 #include "lab/setup/views.h"
-#include "tests/catch.h"
 #include "tests/lab/host_chunks.h"
 #include "tests/lab/refused.h"
 #include "tests/results.h"
@@ -95,8 +94,7 @@ void check_pictures(Peer& peer, const synth::Scene& scene, double edge_share) {
 TEST_CASE("lab: a peer draws generated scenes with float32 positions", "[lab]") {
   LabWords words;
   words.peer = "vulkan";
-  const LabOptions options = must(parse_options(words));
-  CHECK(options.has_peer);
+  CHECK(must(parse_options(words)).has_peer);
   CHECK_FALSE(parse_options({})->has_peer);
   const auto with = [&](auto member, auto value) {
     LabWords changed = words;

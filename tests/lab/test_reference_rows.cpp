@@ -4,13 +4,11 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/csv.h"
 #include "tests/lab/refused.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using namespace scree::lab;
@@ -38,12 +36,10 @@ LabWords reference_words() {
 TEST_CASE("lab --reference: wider positions are nearer to the source", "[lab]") {
   const tests::TempFolder folder;
   const std::string csv = folder.file("rows.csv");
-  const auto run = tests::run_program(
-      {"--reference", "--scene", "D", "--view", "inside", "--size", "160x90", "--frames", "1", "--warmup", "0",
-       "--positions", "10,16,float32", "--indices", "packed,clustered", "--csv", csv},
-      folder.file("log"), tests::kLabProgram);
-  INFO(run.output);
-  REQUIRE(run.exit_code == 0);
+  const auto run =
+      tests::must_run({"--reference", "--scene", "D", "--view", "inside", "--size", "160x90", "--frames", "1",
+                       "--warmup", "0", "--positions", "10,16,float32", "--indices", "packed,clustered", "--csv", csv},
+                      folder.file("log"), tests::kLabProgram);
   CHECK(run.output.find("float32, packed") != std::string::npos);
   const std::vector<Row> rows = tests::read_csv(csv);
   REQUIRE(rows.size() == 5);
@@ -76,11 +72,9 @@ TEST_CASE("lab --reference: wider positions are nearer to the source", "[lab]") 
 TEST_CASE("lab --curves: snapping, depth codes and samples of a model", "[lab]") {
   const tests::TempFolder folder;
   const std::string csv = folder.file("rows.csv");
-  const auto run = tests::run_program({"--curves", tests::data_path("two_instances.gltf").string(), "--size", "96x64",
-                                       "--frames", "1", "--warmup", "0", "--csv", csv},
-                                      folder.file("log"), tests::kLabProgram);
-  INFO(run.output);
-  REQUIRE(run.exit_code == 0);
+  tests::must_run({"--curves", tests::data_path("two_instances.gltf").string(), "--size", "96x64", "--frames", "1",
+                   "--warmup", "0", "--csv", csv},
+                  folder.file("log"), tests::kLabProgram);
   std::map<std::string, std::vector<Row>> studies;
   for (const Row& row : tests::read_csv(csv)) studies[row.at("study")].push_back(row);
   REQUIRE(studies["positions"].size() == 18);
@@ -129,8 +123,7 @@ TEST_CASE("lab --reference: invalid options are refused", "[lab]") {
   const LabOptions both = must(parse_options(words));
   CHECK(both.files.size() == 2);
   CHECK(both.scenes == std::vector<std::string>{"A"});
-  const LabOptions none = must(parse_options(reference_words()));
-  CHECK(none.scenes == std::vector<std::string>{"D"});
+  CHECK(must(parse_options(reference_words())).scenes == std::vector<std::string>{"D"});
   words = {};
   words.curves = true;
   const LabOptions curves = must(parse_options(words));

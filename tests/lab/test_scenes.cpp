@@ -13,11 +13,8 @@
 #include "lab/scenes/visible_cost.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
 #include "tests/lab/host_chunks.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/synth/synth.h"
 
@@ -28,8 +25,7 @@ namespace {
 
 struct Generated {
   Generated(const synth::Scene& scene, const Encoding& encoding) : plans(plan_chunks(scene)) {
-    SceneTables made = must(make_tables(scene, plans, scree::tests::chunk_boxes(scene, plans), encoding));
-    tables = std::move(made);
+    tables = must(make_tables(scene, plans, scree::tests::chunk_boxes(scene, plans), encoding));
     arena.resize((tables.arena_bytes + 15) / 16);
     scree::tests::fill_chunks(scene, plans, tables, {bytes(), arena.size() * 16});
     pages = tables.page_pointers(bytes());
@@ -56,9 +52,7 @@ std::span<const std::byte> stream(const Generated& made, const format::ChunkReco
 void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
   const Generated made(scene, encoding);
-  uint64_t wrong_positions = 0;
-  uint64_t expected_first = 0;
-  uint64_t next_chunk = 0;
+  uint64_t wrong_positions = 0, expected_first = 0, next_chunk = 0;
   for (size_t m = 0; m < scene.meshes.size(); ++m) {
     const synth::MeshRecipe& recipe = scene.meshes[m];
     const format::MeshRecord& mesh = made.tables.meshes[m];
@@ -117,8 +111,7 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
 void check_sums(const char* name, const synth::Scene& scene, double scale) {
   INFO(name);
   const Generated made(scene, Encoding{true, 16, false});
-  uint64_t positions = 0;
-  uint64_t indices = 0;
+  uint64_t positions = 0, indices = 0;
   for (size_t c = 0; c < made.plans.size(); ++c) {
     const ChunkPlan& plan = made.plans[c];
     const format::ChunkRecord& chunk = made.tables.chunks[c];
@@ -206,8 +199,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
 
 TEST_CASE("generated chunks have the scene functions' triangles", "[bench_scenes]") {
   constexpr Encoding kPacked{};
-  constexpr Encoding kFloat{true, 16, false};
-  constexpr Encoding kCoarse{false, 8, false};
+  constexpr Encoding kFloat{true, 16, false}, kCoarse{false, 8, false};
   constexpr Encoding kFine{false, 24, true};
   for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
     synth::Scene scene = synth::zorahlike_scene(order, 1e-6);  // n = 8: whole meshes per chunk
@@ -219,8 +211,7 @@ TEST_CASE("generated chunks have the scene functions' triangles", "[bench_scenes
     blob.n = 104;  // three faces per chunk
     scene.meshes.push_back(blob);
     std::erase_if(scene.instances, [](const synth::SceneInstance& i) { return i.mesh >= 3; });
-    const std::vector<ChunkPlan> plans = plan_chunks(scene);
-    CHECK(plans.size() == 3 + 2 + 2);
+    CHECK(plan_chunks(scene).size() == 3 + 2 + 2);
     for (const Encoding& encoding : {kPacked, kFloat, kCoarse, kFine}) check_geometry(scene, encoding);
   }
   check_geometry(synth::sponzalike_scene(0.1), kPacked);  // sides that are not a multiple of 8

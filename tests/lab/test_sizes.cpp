@@ -5,8 +5,6 @@
 #include <vector>
 
 #include "lab/sizes.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 

@@ -10,7 +10,6 @@
 #include <string>
 
 #include "tests/library/handles.h"
-#include "tests/paths.h"
 
 namespace scree::tests {
 
@@ -74,8 +73,7 @@ struct Subjects {
 
   explicit Subjects(scree_backend backend) : opened(path, backend) {
     must(scree_view_create(opened.scene, &empty));
-    const scree_draw_options options = draw_options(10, 7);
-    must(scree_draw(opened.view, nullptr, &options));
+    draw(opened.view, draw_options(10, 7));
   }
   ~Subjects() { (void)scree_view_destroy(empty); }
 };

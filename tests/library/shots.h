@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <random>
 #include <vector>
 
@@ -19,6 +20,15 @@ inline scree_camera look_at(double x, double y, double z) {
   camera.eye[2] = z;
   camera.look_at_box = 1;
   return camera;
+}
+
+/// The number of colours that differ by more than one level.
+inline size_t differing(const std::string& a, const std::string& b) {
+  REQUIRE(a.size() == b.size());
+  size_t count = 0;
+  for (size_t i = 0; i < a.size(); ++i)
+    count += std::abs(static_cast<uint8_t>(a[i]) - static_cast<uint8_t>(b[i])) > 1 ? 1 : 0;
+  return count;
 }
 
 struct Shot {
@@ -43,6 +53,13 @@ inline std::vector<Shot> random_shots(size_t count, uint32_t seed) {
     shots.push_back(shot);
   }
   return shots;
+}
+
+/// The cameras of these shots.
+inline std::vector<scree_camera> random_cameras(size_t count, uint32_t seed) {
+  std::vector<scree_camera> cameras;
+  for (const Shot& shot : random_shots(count, seed)) cameras.push_back(shot.camera);
+  return cameras;
 }
 
 }  // namespace scree::tests

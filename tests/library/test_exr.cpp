@@ -10,8 +10,8 @@
 #include <ImfInputFile.h>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/library/handles.h"
+#include "tests/results.h"
 #include "tests/tools/run_program.h"
 
 using namespace scree::tests;
@@ -46,18 +46,13 @@ struct ExrFile {
   std::vector<float> floats(const char* name) { return read<float>(name, Imf::FLOAT); }
 
   Imf::InputFile file;
-  uint32_t width = 0;
-  uint32_t height = 0;
+  uint32_t width = 0, height = 0;
 };
 
-std::string render(const TempFolder& folder, const std::string& file, std::vector<std::string> more) {
-  std::vector<std::string> words{"render", file,        "--size", "61x47",   "--samples",
-                                 "2",      "--backend", "cpu",    "--force", "--quiet"};
-  words.insert(words.end(), more.begin(), more.end());
-  const ProgramRun run = run_program(words, folder.file("log"));
-  INFO(run.output);
-  REQUIRE(run.exit_code == 0);
-  return run.output;
+std::string render(const TempFolder& folder, const std::string& file, const std::string& more) {
+  return must_run(words_of("render " + file + " --size 61x47 --samples 2 --backend cpu --force --quiet " + more),
+                  folder.file("log"))
+      .output;
 }
 
 /// Every third value from `first` on, in the form of a layer.
@@ -76,8 +71,8 @@ TEST_CASE("an .exr has the picture in linear light and the library's layers", "[
   for (const char* const model : {"textured_cube.glb", "two_instances.gltf", "glass.glb"}) {
     const std::string file = packed(folder, model, SCREE_CONVERT_NORMALS);
     const std::string exr = folder.file("a.exr"), png = folder.file("a.png");
-    render(folder, file, {"-o", exr, "--float", "--background", "none", "--edl"});
-    render(folder, file, {"-o", png, "--background", "none", "--edl"});
+    render(folder, file, "-o " + exr + " --float --background none --edl");
+    render(folder, file, "-o " + png + " --background none --edl");
     ExrFile read(exr);
     REQUIRE(read.width == kWidth);
     REQUIRE(read.height == kHeight);
@@ -119,8 +114,7 @@ TEST_CASE("an .exr has the picture in linear light and the library's layers", "[
 
     // Coded in 8 bits, the picture equals the .png, except for the last bit of alpha.
     const std::string bytes = read_whole(png);
-    const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(bytes)));
-    REQUIRE(image);
+    const scree::runtime::Image image = must(scree::runtime::decode_image(std::as_bytes(std::span(bytes))));
     const std::vector<float> channels[] = {read.floats("R"), read.floats("G"), read.floats("B"), read.floats("A")};
     const auto code = [](float linear) {
       const double value = static_cast<double>(linear);
@@ -129,9 +123,9 @@ TEST_CASE("an .exr has the picture in linear light and the library's layers", "[
     for (size_t i = 0; i < instances.size(); ++i) {
       const float alpha = channels[3][i];
       if (instances[i] < 0 && alpha > 0.1f && alpha < 0.9f) ++translucent;
-      CHECK(image->rgba[4 * i + 3] == Approx(255.0 * static_cast<double>(alpha)).margin(0.51));
+      CHECK(image.rgba[4 * i + 3] == Approx(255.0 * static_cast<double>(alpha)).margin(0.51));
       for (size_t c = 0; c < 3 && alpha > 0; ++c)
-        CHECK(image->rgba[4 * i + c] == Approx(255 * code(channels[c][i] / alpha)).margin(0.51));
+        CHECK(image.rgba[4 * i + c] == Approx(255 * code(channels[c][i] / alpha)).margin(0.51));
     }
   }
   CHECK(covered > 200);
@@ -143,21 +137,15 @@ TEST_CASE("an .exr has the requested layers", "[render][exr]") {
   const std::string file = packed(folder);
   const std::string some = folder.file("some.exr"), again = folder.file("again.exr"),
                     colors = folder.file("colors.exr");
-  render(folder, file, {"-o", some, "--layers", "depth,id", "--threads", "3"});
+  render(folder, file, "--layers depth,id --threads 3 -o " + some);
   CHECK(ExrFile(some).names() == "Z:f id.instance:u id.material:u id.mesh:u id.triangle:u");
-  render(folder, file, {"-o", again, "--layers", "id,depth", "--threads", "1"});
+  render(folder, file, "--layers id,depth --threads 1 -o " + again);
   CHECK(read_whole(some) == read_whole(again));
-  render(folder, file, {"-o", colors, "--layers", "color", "--show", "triangle"});
+  render(folder, file, "--layers color --show triangle -o " + colors);
   CHECK(ExrFile(colors).names() == "A:h B:h G:h R:h");
-  for (const std::string& words : {std::string("-o x.exr --layers colour"), std::string("-o x.png --layers color"),
-                                   std::string("-o x.png --float"), std::string("-o x.jpg")}) {
-    std::vector<std::string> all{"render", file};
-    for (size_t start = 0; start < words.size();) {
-      const size_t end = std::min(words.find(' ', start), words.size());
-      all.push_back(words.substr(start, end - start));
-      start = end + 1;
-    }
-    const ProgramRun run = run_program(all, folder.file("log"));
+  for (const char* const words :
+       {"-o x.exr --layers colour", "-o x.png --layers color", "-o x.png --float", "-o x.jpg"}) {
+    const ProgramRun run = run_program(words_of("render " + file + " " + words), folder.file("log"));
     INFO(run.output);
     CHECK(run.exit_code == 1);
     CHECK(std::count(run.output.begin(), run.output.end(), '\n') == 1);

@@ -97,22 +97,20 @@ void check_extreme_loads(scree_backend backend) {
   for (const auto field : {&Load::device_memory, &Load::host_memory, &Load::texture_cache, &Load::texture_memory}) {
     for (const uint64_t bytes : {uint64_t{1}, uint64_t{4096}, uint64_t{1} << 40, uint64_t{1} << 63, UINT64_MAX}) {
       INFO("bytes " << bytes);
-      auto load = sized<Load>();
-      load.backend = backend;
-      load.threads = 2;
+      Load load = load_options(backend);
       load.*field = bytes;
       load.max_width = load.max_height = 4096;
       load.max_samples = 4;
       scree_scene* scene = nullptr;
       if (!works(scree_load(expected.file, &load, &scene))) continue;
-      scree_view* view = nullptr;
-      must(scree_view_create(scene, &view));
-      if (works(scree_draw(view, nullptr, &options))) {
-        ++loaded;
-        CHECK((layer_of(view, SCREE_SAMPLES) == layer_of(expected.view, SCREE_SAMPLES)));
-        CHECK((layer_of(view, SCREE_COLOR) == layer_of(expected.view, SCREE_COLOR)));
+      {
+        const NewView view(scene);
+        if (works(scree_draw(view, nullptr, &options))) {
+          ++loaded;
+          CHECK((layer_of(view, SCREE_SAMPLES) == layer_of(expected.view, SCREE_SAMPLES)));
+          CHECK((layer_of(view, SCREE_COLOR) == layer_of(expected.view, SCREE_COLOR)));
+        }
       }
-      must(scree_view_destroy(view));
       must(scree_unload(scene));
     }
   }
@@ -185,9 +183,7 @@ TEST_CASE("conversions with extreme numbers work, or are refused", "[library][mi
     change(options);
     if (!works(scree_convert(data_path("textured_cube.glb").c_str(), output.c_str(), &options, nullptr))) continue;
     ++done;
-    const Opened opened(output);
-    const scree_draw_options draw = draw_options(9, 6);
-    must(scree_draw(opened.view, nullptr, &draw));
+    draw(Opened(output).view, draw_options(9, 6));
   }
   CHECK(done >= 4);
 }

@@ -218,8 +218,7 @@ void add_numbers(std::vector<Misuse>& rows, Subjects& s) {
   add_number(
       "scree_hold", "a layer of another view",
       [&] {
-        auto array = sized<scree_array>();
-        must(scree_host_layer(o.view, SCREE_COLOR, &array));
+        const scree_array array = host_layer(o.view, SCREE_COLOR);
         return scree_hold(s.empty, &array, &out.memory);
       },
       "other memory");

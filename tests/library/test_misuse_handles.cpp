@@ -130,8 +130,7 @@ std::vector<StructUse> struct_uses(Subjects& s) {
 TEST_CASE("ended handles, handles of another kind and other numbers are refused", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   scree_memory* memory = nullptr;
-  auto array = sized<scree_array>();
-  must(scree_host_layer(s.opened.view, SCREE_COLOR, &array));
+  const scree_array array = host_layer(s.opened.view, SCREE_COLOR);
   must(scree_hold(s.opened.view, &array, &memory));
   struct Kind {
     char kind;
@@ -192,8 +191,7 @@ TEST_CASE("ended handles, handles of another kind and other numbers are refused"
   must(scree_view_create(scene, &view));
   must(scree_close(file));
   must(scree_unload(scene));
-  const scree_draw_options options = draw_options(8, 8);
-  must(scree_draw(view, nullptr, &options));
+  draw(view, draw_options(8, 8));
   must(scree_view_destroy(view));
   scree_file* again = nullptr;
   must(scree_open(s.path.c_str(), &again));

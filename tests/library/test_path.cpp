@@ -43,21 +43,11 @@ TEST_CASE("a film of the library equals the output of scree render --path", "[li
     bool clips;
   };
   for (const Way& way : {Way{0, false}, Way{7.5, true}}) {
-    std::vector<std::string> words{"render",      file,
-                                   "--path",      film,
-                                   "-o",          folder.file("color_%d.png"),
-                                   "--visbuffer", folder.file("samples_%d.bin"),
-                                   "--depth",     folder.file("depth_%d.pfm"),
-                                   "--size",      "45x31",
-                                   "--samples",   "2",
-                                   "--backend",   "cpu",
-                                   "--threads",   "2",
-                                   "--force",     "--quiet"};
-    if (way.fps > 0) words.insert(words.end(), {"--fps", "7.5"});
-    if (way.clips) words.insert(words.end(), {"--clip-box", "-1,-1,-1,1,0.25,3"});
-    const ProgramRun run = run_program(words, folder.file("log"));
-    INFO(run.output);
-    REQUIRE(run.exit_code == 0);
+    must_run(words_of("render " + file + " --path " + film + " -o " + folder.file("color_%d.png") + " --visbuffer " +
+                      folder.file("samples_%d.bin") + " --depth " + folder.file("depth_%d.pfm") +
+                      " --size 45x31 --samples 2 --backend cpu --threads 2 --force --quiet" +
+                      (way.fps > 0 ? " --fps 7.5" : "") + (way.clips ? " --clip-box -1,-1,-1,1,0.25,3" : "")),
+             folder.file("log"));
     const scree_path_info info = info_of(film, way.fps);
     CHECK(info.frames == (way.fps > 0 ? 16 : 9));
     CHECK(info.frames_per_second == (way.fps > 0 ? 7.5 : 4));
@@ -85,8 +75,7 @@ TEST_CASE("a film of the library equals the output of scree render --path", "[li
     }
     CHECK_FALSE(std::filesystem::exists(folder.file("samples_" + std::to_string(info.frames) + ".bin")));
     // A part of the path.
-    const std::vector<scree_camera> part = cameras_of(film, way.fps, 3, 2);
-    must(scree_draw(opened.view, &part[1], &options));
+    draw(opened.view, options, &cameras_of(film, way.fps, 3, 2)[1]);
     if (!way.clips) CHECK((layer_of(opened.view, SCREE_SAMPLES) == read_whole(folder.file("samples_4.bin"))));
   }
 }

@@ -9,7 +9,7 @@
 
 #include "runtime/images/image.h"
 #include "tests/library/handles.h"
-#include "tests/models.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/run_program.h"
 
@@ -65,15 +65,14 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
   switch (number % kWays) {
     case 1:
       environment = surroundings(folder);
-      way.words = {"--environment", environment, "--exposure", "1.25", "--ssao", "--blend-layers", "1"};
+      way.words = words_of("--environment " + environment + " --exposure 1.25 --ssao --blend-layers 1");
       way.load.environment = environment.c_str();
       way.draw.exposure = 1.25;
       way.draw.flags = SCREE_SSAO;
       way.draw.blend_layers = 1;
       break;
     case 2:
-      way.words = {"--light", "camera",         "--view", "top",          "--up", "0,0,-1",
-                   "--edl",   "--edl-strength", "2.5",    "--edl-radius", "3"};
+      way.words = words_of("--light camera --view top --up 0,0,-1 --edl --edl-strength 2.5 --edl-radius 3");
       way.draw.light = SCREE_LIGHT_CAMERA;
       way.camera.kind = SCREE_CAMERA_AROUND;
       way.camera.rise_degrees = 90;
@@ -83,20 +82,9 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.draw.edl_radius = 3;
       break;
     case 3: {
-      auto stats = sized<scree_scene_stats>();
-      must(scree_get_scene_stats(Opened(file).scene, &stats));
-      way.words = {"--light",
-                   stats.lights != 0 ? "scene" : "environment",
-                   "--exposure",
-                   "-2",
-                   "--view",
-                   "left",
-                   "--fov",
-                   "70",
-                   "--texture-memory",
-                   "1MiB",
-                   "--texture-cache",
-                   "1"};
+      const scree_scene_stats stats = stats_of(Opened(file).scene);
+      way.words = words_of("--exposure -2 --view left --fov 70 --texture-memory 1MiB --texture-cache 1 --light " +
+                           std::string(stats.lights != 0 ? "scene" : "environment"));
       if (has_sun(file)) {
         way.words.insert(way.words.end(), {"--shadows", "--shadow-size", "333"});
         way.draw.flags = SCREE_SHADOWS;
@@ -113,7 +101,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       break;
     }
     case 4:
-      way.words = {"--no-light", "--blend-layers", "0", "--show", "color", "--view", "iso"};
+      way.words = words_of("--no-light --blend-layers 0 --show color --view iso");
       way.draw.show = SCREE_SHOW_COLOR;
       way.draw.flags = SCREE_NO_LIGHT | SCREE_NO_BLEND;
       way.camera.kind = SCREE_CAMERA_AROUND;
@@ -121,8 +109,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.camera.rise_degrees = 35.26438968275465;
       break;
     case 5: {  // the lower left part of the scene, from the right, so that its inside is visible
-      auto stats = sized<scree_scene_stats>();
-      must(scree_get_scene_stats(Opened(file).scene, &stats));
+      const scree_scene_stats stats = stats_of(Opened(file).scene);
       std::string box;
       way.camera.kind = SCREE_CAMERA_AROUND;
       way.camera.turn_degrees = 90;
@@ -157,10 +144,10 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
   const std::string normals = folder.file("n.pfm"), uvs = folder.file("uv.pfm");
   std::string environment;
   Way way = way_of(folder, file, number, environment);
-  std::vector<std::string> words{"render",       file,       "-o",        picture, "--depth",   depth,
-                                 "--visbuffer",  visibility, "--size",    "97x61", "--samples", std::to_string(samples),
-                                 "--background", "none",     "--backend", "cpu",   "--threads", "2",
-                                 "--normals",    normals,    "--uvs",     uvs,     "--force",   "--quiet"};
+  std::vector<std::string> words =
+      words_of("render " + file + " -o " + picture + " --depth " + depth + " --visbuffer " + visibility +
+               " --normals " + normals + " --uvs " + uvs + " --size 97x61 --samples " + std::to_string(samples) +
+               " --background none --backend cpu --threads 2 --force --quiet");
   words.insert(words.end(), way.words.begin(), way.words.end());
   const ProgramRun run = run_program(words, folder.file("log"));
   INFO("way " << number % kWays << ": " << run.output);
@@ -179,24 +166,21 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
   for (size_t i = 0; i < wide.size(); i += 12) uv += wide.substr(i, 8);
   CHECK(layer_of(opened.view, SCREE_UV) == uv);
   const std::string png = read_whole(picture);
-  const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(png)));
-  REQUIRE(image);
+  const scree::runtime::Image image = must(scree::runtime::decode_image(std::as_bytes(std::span(png))));
   const std::string color = layer_of(opened.view, SCREE_COLOR);
-  CHECK(std::equal(color.begin(), color.end(), image->rgba.begin(), image->rgba.end(),
+  CHECK(std::equal(color.begin(), color.end(), image.rgba.begin(), image.rgba.end(),
                    [](char a, uint8_t b) { return static_cast<uint8_t>(a) == b; }));
 }
 
 /// Checks the layers of ids and depths, which show a pixel's nearest sample.
 void check_layers(const std::string& file) {
   const Opened opened(file);
-  const scree_draw_options options = draw_options(50, 40, 2);
-  must(scree_draw(opened.view, nullptr, &options));
+  draw(opened.view, draw_options(50, 40, 2));
   const auto samples = values_of<uint64_t>(layer_of(opened.view, SCREE_SAMPLES));
   const auto triangles = values_of<int64_t>(layer_of(opened.view, SCREE_TRIANGLE));
   const auto instances = values_of<int32_t>(layer_of(opened.view, SCREE_INSTANCE));
   const auto depths = values_of<float>(layer_of(opened.view, SCREE_DEPTH));
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(opened.scene, &stats));
+  const scree_scene_stats stats = stats_of(opened.scene);
   size_t covered = 0;
   for (size_t y = 0; y < 40; ++y) {
     for (size_t x = 0; x < 50; ++x) {
@@ -217,8 +201,7 @@ void check_layers(const std::string& file) {
         must(scree_get_instance_info(opened.scene, static_cast<uint64_t>(instances[pixel]) + 1, &next));
         CHECK(next.first_triangle > static_cast<uint64_t>(triangles[pixel]));
       }
-      auto pick = sized<scree_pick_info>();
-      must(scree_pick(opened.view, static_cast<uint32_t>(x), static_cast<uint32_t>(y), &pick));
+      const scree_pick_info pick = pick_at(opened.view, static_cast<uint32_t>(x), static_cast<uint32_t>(y));
       if (pick.hit != 0) CHECK(pick.depth >= static_cast<double>(depths[pixel]) * (1 - 1e-6));
     }
   }
@@ -244,9 +227,8 @@ size_t compare_all(const fs::path& root, uint64_t most_bytes) {
     options.flags = SCREE_CONVERT_REPLACE | (compared % 2 == 0 ? SCREE_CONVERT_NORMALS : 0) |
                     (compared % 3 == 0 ? SCREE_CONVERT_INDEXED : 0);
     options.threads = 2;
-    if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK)
-      continue;  // Draco and other
-                 // unsupported input
+    // Draco and other input may not be supported.
+    if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK) continue;
     compare(folder, file, compared % 4 == 0 ? 2 : 1, compared);
     ++compared;
   }

@@ -26,11 +26,8 @@ struct Drawn {
 };
 
 Drawn color_of(scree_view* view) {
-  Drawn out{.color = layer_of(view, SCREE_COLOR)};
-  auto stats = sized<scree_frame_stats>();
-  must(scree_get_frame_stats(view, &stats));
-  out.shadow_ms = stats.shadow_ms;
-  return out;
+  std::string color = layer_of(view, SCREE_COLOR);
+  return {std::move(color), frame_stats_of(view).shadow_ms};
 }
 
 Drawn draw(scree_view* view, const scree_camera& camera, const scree_draw_options& options) {
@@ -45,19 +42,14 @@ Drawn shade(scree_view* view, const scree_draw_options& options) {
 
 /// The colours of a view that has drawn nothing else.
 std::string fresh(const Opened& opened, const scree_camera& camera, const scree_draw_options& options) {
-  scree_view* view = nullptr;
-  must(scree_view_create(opened.scene, &view));
-  const Drawn drawn = draw(view, camera, options);
+  const Drawn drawn = draw(NewView(opened.scene), camera, options);
   CHECK((drawn.shadow_ms > 0) == ((options.flags & SCREE_SHADOWS) != 0));
-  must(scree_view_destroy(view));
   return drawn.color;
 }
 
 void check_shadows(const Opened& opened) {
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(opened.scene, &stats));
-  const scree_camera near = look_at(-4, 6, 9);
-  const scree_camera far = look_at(8, 7, 3);
+  const scree_scene_stats stats = stats_of(opened.scene);
+  const scree_camera near = look_at(-4, 6, 9), far = look_at(8, 7, 3);
   scree_camera cut = near;
   cut.clips = 1;
   for (size_t i = 0; i < 3; ++i) {
@@ -111,15 +103,11 @@ void check_shadows(const Opened& opened) {
   CHECK(batch.color == expected + expected_far + expected_cut + expected);
   CHECK(batch.shadow_ms > 0);
   must(scree_draw_batch(view, cameras.data(), count, &options, 1u << SCREE_DEPTH));
-  auto frame = sized<scree_frame_stats>();
-  must(scree_get_frame_stats(view, &frame));
-  CHECK(frame.shadow_ms == 0);  // no colours are made
+  CHECK(frame_stats_of(view).shadow_ms == 0);  // no colours are made
   if (stats.on_gpu != 0) return;
   std::vector<unsigned char> place(batch.color.size() + 16);
-  auto target = sized<scree_target>();
-  target.data = place.data() + (16 - reinterpret_cast<uintptr_t>(place.data()) % 16) % 16;
-  target.bytes = batch.color.size();
-  target.layer = SCREE_COLOR;
+  unsigned char* const aligned = place.data() + (16 - reinterpret_cast<uintptr_t>(place.data()) % 16) % 16;
+  const scree_target target = target_of(SCREE_COLOR, aligned, batch.color.size());
   must(scree_draw_batch_to(view, cameras.data(), count, &options, &target, 1, nullptr));
   CHECK(std::string(static_cast<const char*>(target.data), target.bytes) == batch.color);
 }
@@ -135,9 +123,7 @@ TEST_CASE("shadows are the same on a GPU, also if chunks are streamed", "[librar
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = packed(folder, "sun.glb");
-  auto load = sized<scree_load_options>();
-  load.backend = SCREE_BACKEND_CUDA;
-  load.threads = 2;
+  scree_load_options load = load_options(SCREE_BACKEND_CUDA);
   load.light = SCREE_LIGHT_SCENE;
   load.max_width = 128;
   load.max_height = 96;
@@ -147,11 +133,7 @@ TEST_CASE("shadows are the same on a GPU, also if chunks are streamed", "[librar
   const Opened cpu(path);
   const scree_camera camera = look_at(-4, 6, 9);
   const std::string on_gpu = draw(opened.view, camera, sunny()).color, on_cpu = draw(cpu.view, camera, sunny()).color;
-  REQUIRE(on_gpu.size() == on_cpu.size());
-  size_t differing = 0;
-  for (size_t i = 0; i < on_gpu.size(); ++i)
-    differing += std::abs(static_cast<uint8_t>(on_gpu[i]) - static_cast<uint8_t>(on_cpu[i])) > 1 ? 1 : 0;
-  CHECK(differing <= on_gpu.size() / 10000);
+  CHECK(differing(on_gpu, on_cpu) <= on_gpu.size() / 10000);
 
   // With the least memory, which the error states, the chunks are streamed. A map takes more memory.
   const auto least = [&](uint64_t shadow_size) {
@@ -162,16 +144,13 @@ TEST_CASE("shadows are the same on a GPU, also if chunks are streamed", "[librar
     must(scree_open(path.c_str(), &file));
     CHECK(scree_load(file, &load, &scene) == SCREE_ERROR_DEVICE);
     must(scree_close(file));
-    const std::string text = scree_error(), words = "at least ";
-    return std::stoull(text.substr(text.find(words) + words.size()));
+    return least_device_memory(scree_error());
   };
   const uint64_t without = least(0);
   load.device_memory = least(200);
   CHECK(load.device_memory >= without + 200 * 200 * 8);
   const Opened streamed(path, load);
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(streamed.scene, &stats));
-  CHECK(stats.streamed == 1);
+  CHECK(stats_of(streamed.scene).streamed == 1);
   check_shadows(streamed);
   CHECK(draw(streamed.view, camera, sunny()).color == on_gpu);
 }
@@ -184,7 +163,7 @@ TEST_CASE("a file without a sun casts no shadows", "[library][shadow]") {
   must(scree_convert(source.c_str(), path.c_str(), nullptr, nullptr));
   const Opened opened(path);
   const scree_draw_options plain = sunny(0), options = sunny();
-  must(scree_draw(opened.view, nullptr, &plain));
+  draw(opened.view, plain);
   const std::string before = color_of(opened.view).color;
   CHECK(scree_draw(opened.view, nullptr, &options) == SCREE_ERROR_ARGUMENT);
   CHECK(std::string(scree_error()).find("SCREE_SHADOWS: the scene has no directional light") != std::string::npos);

@@ -14,7 +14,6 @@
 #include <thread>
 #include <vector>
 
-#include "tests/library/handles.h"
 #include "tests/library/shots.h"
 #include "tests/sanitized.h"
 
@@ -23,7 +22,6 @@ using namespace scree::tests;
 namespace {
 
 constexpr size_t kThreads = 8;
-constexpr uint32_t kPixelLayers = 0x7f & ~(1u << SCREE_SAMPLES);
 
 uint64_t resident_bytes() {
   std::ifstream file("/proc/self/statm");
@@ -66,7 +64,7 @@ size_t hash_of(scree_view* view, scree_layer layer) {
 }
 
 /// A scene file, and the layers of every shot as drawn by one thread.
-struct Known {
+struct ExpectedScene {
   std::string path;
   std::vector<std::array<size_t, std::size(kAllLayers)>> frames;
 };
@@ -74,8 +72,8 @@ struct Known {
 /// Scenes that all threads draw, and that any thread may replace at any time.
 class SharedScenes {
  public:
-  explicit SharedScenes(const std::vector<Known>& known) {
-    for (const Known& scene : known) scenes_.push_back(load_scene(scene.path, 2));
+  explicit SharedScenes(const std::vector<ExpectedScene>& expected) {
+    for (const ExpectedScene& scene : expected) scenes_.push_back(load_scene(scene.path, 2));
   }
   SharedScenes(const SharedScenes&) = delete;
   SharedScenes& operator=(const SharedScenes&) = delete;
@@ -103,8 +101,9 @@ class SharedScenes {
 /// thread only.
 class Drawer {
  public:
-  Drawer(const std::vector<Known>& known, const std::vector<Shot>& shots, SharedScenes& shared, uint32_t seed)
-      : known_(known), shots_(shots), shared_(shared), random_(seed) {}
+  Drawer(const std::vector<ExpectedScene>& expected, const std::vector<Shot>& shots, SharedScenes& shared,
+         uint32_t seed)
+      : expected_(expected), shots_(shots), shared_(shared), random_(seed) {}
   ~Drawer() { (void)scree_view_destroy(view_); }
   Drawer(const Drawer&) = delete;
   Drawer& operator=(const Drawer&) = delete;
@@ -130,10 +129,10 @@ class Drawer {
     if (scree_view_destroy(view_) != SCREE_OK) return false;
     view_ = nullptr;
     while (view_ == nullptr) {
-      scene_ = below(known_.size());
+      scene_ = below(expected_.size());
       const bool is_own = below(4) == 0;
       scree_scene* const loaded =
-          is_own || below(8) == 0 ? load_scene(known_[scene_].path, below(2) == 0 ? 1 : 2) : nullptr;
+          is_own || below(8) == 0 ? load_scene(expected_[scene_].path, below(2) == 0 ? 1 : 2) : nullptr;
       if (loaded != nullptr && !is_own && !shared_.replace(scene_, loaded)) return false;
       scree_scene* const drawn = is_own ? loaded : shared_.get(scene_);
       const scree_status made = scree_view_create(drawn, &view_);
@@ -146,7 +145,9 @@ class Drawer {
 
   bool draw(size_t shot) { return scree_draw(view_, &shots_[shot].camera, &shots_[shot].options) == SCREE_OK; }
 
-  bool is_right(size_t shot, scree_layer layer) { return hash_of(view_, layer) == known_[scene_].frames[shot][layer]; }
+  bool is_right(size_t shot, scree_layer layer) {
+    return hash_of(view_, layer) == expected_[scene_].frames[shot][layer];
+  }
 
   bool draw_batch(size_t shot) {
     const std::array<scree_camera, 2> cameras{shots_[shot].camera, shots_[shot].camera};
@@ -157,7 +158,7 @@ class Drawer {
     if (scree_host_layer(view_, layer, &array) != SCREE_OK) return false;
     for (size_t i = 0; i < 2; ++i) {
       const std::string_view one(static_cast<const char*>(array.data) + i * (array.bytes / 2), array.bytes / 2);
-      if ((std::hash<std::string_view>()(one) | 1) != known_[scene_].frames[shot][layer]) return false;
+      if ((std::hash<std::string_view>()(one) | 1) != expected_[scene_].frames[shot][layer]) return false;
     }
     return true;
   }
@@ -176,11 +177,11 @@ class Drawer {
     if (scree_hold(view_, &array, &memory) != SCREE_OK || scree_view_destroy(view_) != SCREE_OK) return false;
     view_ = nullptr;
     const std::string_view bytes(static_cast<const char*>(array.data), array.bytes);
-    const bool is_kept = (std::hash<std::string_view>()(bytes) | 1) == known_[scene_].frames[shot][SCREE_COLOR];
+    const bool is_kept = (std::hash<std::string_view>()(bytes) | 1) == expected_[scene_].frames[shot][SCREE_COLOR];
     return scree_release(memory) == SCREE_OK && is_kept;
   }
 
-  const std::vector<Known>& known_;
+  const std::vector<ExpectedScene>& expected_;
   const std::vector<Shot>& shots_;
   SharedScenes& shared_;
   std::mt19937 random_;
@@ -193,14 +194,14 @@ class Drawer {
 TEST_CASE("eight threads draw random frames of scenes that they open and close", "[library][threads]") {
   const TempFolder folder;
   // SCREE_THREAD_FRAMES=10000 is the long run.
-  const char* const asked = std::getenv("SCREE_THREAD_FRAMES");
-  const size_t count = asked != nullptr ? std::stoul(asked) : kIsSanitized ? 320 : 4000;
+  const char* const frames = std::getenv("SCREE_THREAD_FRAMES");
+  const size_t count = frames != nullptr ? std::stoul(frames) : kIsSanitized ? 320 : 4000;
   const std::vector<Shot> shots = random_shots(std::min<size_t>(60, count / 20), 2);
-  std::vector<Known> known;
+  std::vector<ExpectedScene> expected;
   // Models with JPEG and other textures, several instances, layers of glass, several materials, and masks.
   for (const char* const model :
        {"textured_cube.glb", "two_instances.gltf", "glass.glb", "materials.gltf", "masked.glb"}) {
-    Known& scene = known.emplace_back();
+    ExpectedScene& scene = expected.emplace_back();
     scene.path = packed(folder, model);
     const Opened opened(scene.path);
     for (const Shot& shot : shots) {
@@ -216,11 +217,11 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   uint64_t settled = 0;
   for (size_t round = 0; round < kRounds; ++round) {
     {
-      SharedScenes shared(known);
+      SharedScenes shared(expected);
       std::vector<std::thread> threads;
       for (size_t t = 0; t < kThreads; ++t)
         threads.emplace_back([&, t] {
-          Drawer drawer(known, shots, shared, static_cast<uint32_t>(round * kThreads + t));
+          Drawer drawer(expected, shots, shared, static_cast<uint32_t>(round * kThreads + t));
           for (size_t i = t; i < count / kRounds; i += kThreads)
             if (!drawer.draw_next()) ++wrong;
         });
@@ -232,7 +233,7 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   CHECK(wrong == 0);
   CHECK(open_files() == files_before);
   const uint64_t last = resident_bytes();
-  if (asked != nullptr) WARN(count << " frames: " << settled << " bytes after a quarter, " << last << " at the end");
+  if (frames != nullptr) WARN(count << " frames: " << settled << " bytes after a quarter, " << last << " at the end");
   // Sanitizers keep freed memory. The allocator's pools differ by some MiB from run to run, while a leak per frame
   // would count hundreds of times.
   if (!kIsSanitized) CHECK(last < settled + (uint64_t{6} << 20));

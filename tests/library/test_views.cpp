@@ -3,22 +3,45 @@
 #include <array>
 #include <cmath>
 #include <random>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "tests/gpu.h"
-#include "tests/library/handles.h"
 #include "tests/library/shots.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/soup.h"
 
 using namespace scree::tests;
 
 namespace {
 
-std::string draw(scree_view* view, const Shot& shot) {
-  must(scree_draw(view, &shot.camera, &shot.options));
-  return frame_of(view);
+std::string frame_of(scree_view* view, const Shot& shot) {
+  draw(view, shot.options, &shot.camera);
+  return scree::tests::frame_of(view);
+}
+
+/// A layer of the frames that `view` draws one by one.
+std::string single_frames(scree_view* view, std::span<const scree_camera> cameras, const scree_draw_options& options,
+                          scree_layer layer) {
+  std::string bytes;
+  for (const scree_camera& camera : cameras) {
+    draw(view, options, &camera);
+    bytes += layer_of(view, layer);
+  }
+  return bytes;
+}
+
+/// Checks that a batch has the bits of the frames that `single` draws one by one.
+void check_batch(scree_view* batch, scree_view* single, const std::vector<scree_camera>& cameras,
+                 const scree_draw_options& options, uint32_t layers) {
+  must(scree_draw_batch(batch, cameras.data(), static_cast<uint32_t>(cameras.size()), &options, layers));
+  for (const scree_layer layer : kAllLayers) {
+    if ((layers >> layer & 1) == 0) continue;
+    INFO("layer " << layer);
+    CHECK(layer_of(batch, layer) == single_frames(single, cameras, options, layer));
+  }
 }
 
 }  // namespace
@@ -27,21 +50,15 @@ TEST_CASE("a view draws the same as a new view, regardless of earlier frames", "
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
   for (const Shot& shot : random_shots(20, 1)) {
-    scree_view* fresh = nullptr;
-    must(scree_view_create(opened.scene, &fresh));
-    CHECK(draw(opened.view, shot) == draw(fresh, shot));
-    must(scree_view_destroy(fresh));
+    const NewView fresh(opened.scene);
+    CHECK(frame_of(opened.view, shot) == frame_of(fresh, shot));
   }
 }
 
 TEST_CASE("statistics give the number of layers of the colours", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "glass.glb"));
-  const auto stats = [&] {
-    auto out = sized<scree_frame_stats>();
-    must(scree_get_frame_stats(opened.view, &out));
-    return out;
-  };
+  const auto stats = [&] { return frame_stats_of(opened.view); };
   scree_draw_options options = draw_options(40, 30);
   const scree_camera camera = look_at(0, 0, 4);
   must(scree_draw(opened.view, &camera, &options));
@@ -67,46 +84,29 @@ TEST_CASE("statistics give the number of layers of the colours", "[library]") {
 TEST_CASE("a batch of cameras equals their single frames", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
-  std::vector<scree_camera> cameras;
-  for (const Shot& shot : random_shots(9, 4)) cameras.push_back(shot.camera);
+  std::vector<scree_camera> cameras = random_cameras(9, 4);
   cameras.push_back(sized<scree_camera>());
   for (const uint32_t samples : {1u, 2u}) {
-    const scree_draw_options options = draw_options(31, 17, samples);
-    const auto count = static_cast<uint32_t>(cameras.size());
-    must(scree_draw_batch(opened.view, cameras.data(), count, &options,
-                          1u << SCREE_COLOR | 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE |
-                              1u << SCREE_NORMAL | 1u << SCREE_UV));
-    scree_view* single = nullptr;
-    must(scree_view_create(opened.scene, &single));
+    check_batch(opened.view, NewView(opened.scene), cameras, draw_options(31, 17, samples), kPixelLayers);
     for (const scree_layer layer : kAllLayers) {
       if (layer == SCREE_SAMPLES || layer == SCREE_LINEAR) continue;
-      std::string expected;
-      for (const scree_camera& camera : cameras) {
-        must(scree_draw(single, &camera, &options));
-        expected += layer_of(single, layer);
-      }
-      CHECK(layer_of(opened.view, layer) == expected);
-      auto array = sized<scree_array>();
-      must(scree_host_layer(opened.view, layer, &array));
-      CHECK(array.shape[0] == count);
+      const scree_array array = host_layer(opened.view, layer);
+      CHECK(array.shape[0] == static_cast<int64_t>(cameras.size()));
       CHECK(array.shape[1] == 17);
       CHECK(array.shape[2] == 31);
     }
-    must(scree_view_destroy(single));
   }
   // The next frame succeeds.
-  const scree_draw_options options = draw_options(5, 5);
-  must(scree_draw(opened.view, nullptr, &options));
+  draw(opened.view, draw_options(5, 5));
   CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
 }
 
 TEST_CASE("a batch in the caller's memory equals the same batch in the view's", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
-  std::vector<scree_camera> cameras;
-  for (const Shot& shot : random_shots(5, 6)) cameras.push_back(shot.camera);
+  const std::vector<scree_camera> cameras = random_cameras(5, 6);
   const scree_draw_options options = draw_options(31, 17, 2);
-  must(scree_draw_batch(opened.view, cameras.data(), 5, &options, 0x7f & ~(1u << SCREE_SAMPLES)));
+  must(scree_draw_batch(opened.view, cameras.data(), 5, &options, kPixelLayers));
   std::vector<std::vector<uint64_t>> blocks;  // one word longer than the layer
   std::vector<scree_target> targets;
   std::vector<std::string> expected;
@@ -114,14 +114,9 @@ TEST_CASE("a batch in the caller's memory equals the same batch in the view's", 
     if (layer == SCREE_SAMPLES || layer == SCREE_LINEAR) continue;
     expected.push_back(layer_of(opened.view, layer));
     blocks.emplace_back(expected.back().size() / 8 + 2, 0x5555555555555555u);
-    auto target = sized<scree_target>();
-    target.data = blocks.back().data();
-    target.bytes = expected.back().size();
-    target.layer = layer;
-    targets.push_back(target);
+    targets.push_back(target_of(layer, blocks.back().data(), expected.back().size()));
   }
-  scree_view* other = nullptr;
-  must(scree_view_create(opened.scene, &other));
+  const NewView other(opened.scene);
   for (const uint32_t count : {static_cast<uint32_t>(targets.size()), 1u}) {
     must(scree_draw_batch_to(other, cameras.data(), 5, &options, targets.data(), count, nullptr));
     for (uint32_t i = 0; i < count; ++i) {
@@ -136,15 +131,13 @@ TEST_CASE("a batch in the caller's memory equals the same batch in the view's", 
   CHECK(scree_host_layer(other, SCREE_DEPTH, &array) == SCREE_ERROR_ARGUMENT);
   must(scree_draw_batch(other, cameras.data(), 5, &options, 1u << SCREE_DEPTH));
   CHECK(layer_of(other, SCREE_DEPTH) == layer_of(opened.view, SCREE_DEPTH));
-  must(scree_view_destroy(other));
 }
 
 namespace {
 
 /// Cameras around the two instances. Each except the last has a box of its own.
 std::vector<scree_camera> clipped_cameras() {
-  std::vector<scree_camera> cameras;
-  for (const Shot& shot : random_shots(7, 8)) cameras.push_back(shot.camera);
+  std::vector<scree_camera> cameras = random_cameras(7, 8);
   for (size_t c = 0; c + 1 < cameras.size(); ++c) {
     cameras[c].clips = 1;
     for (int i = 0; i < 3; ++i) {
@@ -155,36 +148,16 @@ std::vector<scree_camera> clipped_cameras() {
   return cameras;
 }
 
-constexpr uint32_t kIdLayers = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
-
-/// Checks that a batch of cameras with boxes has the bits of the frames that `single` draws one by one.
-void check_clipped_batch(scree_view* batch, scree_view* single, uint32_t layers) {
-  const std::vector<scree_camera> cameras = clipped_cameras();
-  const scree_draw_options options = draw_options(31, 17, 2);
-  must(scree_draw_batch(batch, cameras.data(), static_cast<uint32_t>(cameras.size()), &options, layers));
-  for (const scree_layer layer : kAllLayers) {
-    if ((layers >> layer & 1) == 0) continue;
-    INFO("layer " << layer);
-    std::string expected;
-    for (const scree_camera& camera : cameras) {
-      must(scree_draw(single, &camera, &options));
-      expected += layer_of(single, layer);
-    }
-    CHECK(layer_of(batch, layer) == expected);
-  }
-}
-
 }  // namespace
 
 TEST_CASE("a clipping box cuts the scene, for each camera of a batch", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(opened.scene, &stats));
+  const scree_scene_stats stats = stats_of(opened.scene);
   const scree_draw_options options = draw_options(60, 40);
   scree_camera camera = look_at(4, 3, 5);
   const auto drawn = [&] {
-    must(scree_draw(opened.view, &camera, &options));
+    draw(opened.view, options, &camera);
     return frame_of(opened.view);
   };
   const std::string whole = drawn();
@@ -201,8 +174,7 @@ TEST_CASE("a clipping box cuts the scene, for each camera of a batch", "[library
   size_t left = 0;
   for (uint32_t y = 0; y < 40; ++y)
     for (uint32_t x = 0; x < 60; ++x) {
-      auto pick = sized<scree_pick_info>();
-      must(scree_pick(opened.view, x, y, &pick));
+      const scree_pick_info pick = pick_at(opened.view, x, y);
       if (pick.hit == 0) continue;
       ++left;
       for (int i = 0; i < 3; ++i) {
@@ -217,10 +189,7 @@ TEST_CASE("a clipping box cuts the scene, for each camera of a batch", "[library
   CHECK((drawn() == half));
   camera.clips = 0;
   CHECK((drawn() == whole));
-  scree_view* single = nullptr;
-  must(scree_view_create(opened.scene, &single));
-  check_clipped_batch(opened.view, single, 0x7f & ~(1u << SCREE_SAMPLES));
-  must(scree_view_destroy(single));
+  check_batch(opened.view, NewView(opened.scene), clipped_cameras(), draw_options(31, 17, 2), kPixelLayers);
 }
 
 TEST_CASE("a clipping box cuts the scene on a GPU as on the CPU, in frames and in batches", "[library][cuda]") {
@@ -230,13 +199,11 @@ TEST_CASE("a clipping box cuts the scene on a GPU as on the CPU, in frames and i
     const std::string path = packed(folder, "two_instances.gltf", flags);
     const Opened cpu(path), gpu(path, SCREE_BACKEND_CUDA);
     for (const scree_camera& camera : clipped_cameras()) {
-      const scree_draw_options options = draw_options(40, 30, 2);
-      must(scree_draw(cpu.view, &camera, &options));
-      must(scree_draw(gpu.view, &camera, &options));
+      for (scree_view* const view : {cpu.view, gpu.view}) draw(view, draw_options(40, 30, 2), &camera);
       for (const scree_layer layer : {SCREE_SAMPLES, SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_NORMAL})
         CHECK(layer_of(gpu.view, layer) == layer_of(cpu.view, layer));
     }
-    check_clipped_batch(gpu.view, cpu.view, kIdLayers);
+    check_batch(gpu.view, cpu.view, clipped_cameras(), draw_options(31, 17, 2), kIdLayers);
   }
 }
 
@@ -245,11 +212,9 @@ TEST_CASE("a view's buffers keep their addresses for frames that are no larger",
   const Opened opened(packed(folder));
   std::array<const void*, std::size(kAllLayers)> first{};
   for (const uint32_t size : {64u, 10u, 33u, 64u, 1u}) {
-    const scree_draw_options options = draw_options(size, size);
-    must(scree_draw(opened.view, nullptr, &options));
+    draw(opened.view, draw_options(size, size));
     for (size_t i = 0; i < first.size(); ++i) {
-      auto array = sized<scree_array>();
-      must(scree_host_layer(opened.view, kAllLayers[i], &array));
+      const scree_array array = host_layer(opened.view, kAllLayers[i]);
       if (first[i] == nullptr) first[i] = array.data;
       CHECK(first[i] == array.data);
       CHECK(array.gpu == -1);
@@ -270,11 +235,9 @@ TEST_CASE("shading a frame again gives the picture of drawing it with these opti
     options.flags = SCREE_EDL;
     must(scree_shade(opened.view, &options));
     const std::string shaded = layer_of(opened.view, SCREE_COLOR);
-    scree_view* fresh = nullptr;
-    must(scree_view_create(opened.scene, &fresh));
-    must(scree_draw(fresh, nullptr, &options));
+    const NewView fresh(opened.scene);
+    draw(fresh, options);
     CHECK(shaded == layer_of(fresh, SCREE_COLOR));
-    must(scree_view_destroy(fresh));
   }
   CHECK(depth == layer_of(opened.view, SCREE_DEPTH));
 }
@@ -284,38 +247,30 @@ TEST_CASE("a layer that is held stays valid when the view draws larger frames", 
   const Opened opened(packed(folder));
   scree_view* view = nullptr;
   must(scree_view_create(opened.scene, &view));
-  scree_draw_options options = draw_options(16, 9);
-  must(scree_draw(view, nullptr, &options));
+  const scree_draw_options options = draw_options(16, 9);
+  draw(view, options);
   const std::vector<scree_layer> layers(std::begin(kAllLayers), std::end(kAllLayers));
-  std::vector<scree_array> arrays(layers.size(), sized<scree_array>());
+  std::vector<scree_array> arrays;
   std::vector<scree_memory*> held(layers.size(), nullptr);
   std::vector<std::string> expected;
-  const auto bytes_of = [&](size_t i) {
-    return std::string(static_cast<const char*>(arrays[i].data), arrays[i].bytes);
-  };
   for (size_t i = 0; i < layers.size(); ++i) {
-    must(scree_host_layer(view, layers[i], &arrays[i]));
+    arrays.push_back(host_layer(view, layers[i]));
     must(scree_hold(view, &arrays[i], &held[i]));
-    expected.push_back(bytes_of(i));
+    expected.push_back(bytes_of(arrays[i]));
   }
-  must(scree_draw(view, nullptr, &options));  // fits into the memory that the view has left
-  auto same = sized<scree_array>();
-  must(scree_host_layer(view, SCREE_DEPTH, &same));
-  CHECK(same.data == arrays[1].data);
-  options = draw_options(640, 480);
-  must(scree_draw(view, nullptr, &options));
+  draw(view, options);  // fits into the memory that the view has left
+  CHECK(host_layer(view, SCREE_DEPTH).data == arrays[1].data);
+  draw(view, draw_options(640, 480));
   for (size_t i = 0; i < layers.size(); ++i) {
-    auto larger = sized<scree_array>();
-    must(scree_host_layer(view, layers[i], &larger));
-    CHECK(larger.data != arrays[i].data);
-    CHECK(bytes_of(i) == expected[i]);
+    CHECK(host_layer(view, layers[i]).data != arrays[i].data);
+    CHECK(bytes_of(arrays[i]) == expected[i]);
     scree_memory* none = nullptr;
     CHECK(scree_hold(view, &arrays[i], &none) == SCREE_ERROR_ARGUMENT);
     CHECK(none == nullptr);
   }
   must(scree_view_destroy(view));
   for (size_t i = 0; i < layers.size(); ++i) {
-    CHECK(bytes_of(i) == expected[i]);
+    CHECK(bytes_of(arrays[i]) == expected[i]);
     must(scree_release(held[i]));
     CHECK(scree_release(held[i]) == SCREE_ERROR_HANDLE);
   }
@@ -343,8 +298,7 @@ TEST_CASE("a camera of matrices and the same camera by eye and target draw the s
   matrices.projection[14] = -1;
   must(scree_draw(opened.view, &matrices, &options));
   CHECK(layer_of(opened.view, SCREE_TRIANGLE) == expected);
-  auto pick = sized<scree_pick_info>();
-  must(scree_pick(opened.view, 40, 20, &pick));
+  scree_pick_info pick = pick_at(opened.view, 40, 20);
   REQUIRE(pick.hit == 1);
   CHECK(pick.position[2] == Approx(4 - pick.depth));
   CHECK(std::abs(pick.position[0]) < 0.1);
@@ -358,7 +312,7 @@ TEST_CASE("a camera of matrices and the same camera by eye and target draw the s
   flat.projection[11] = -(far + near) / (far - near);
   flat.projection[15] = 1;
   must(scree_draw(opened.view, &flat, &options));
-  must(scree_pick(opened.view, 40, 20, &pick));
+  pick = pick_at(opened.view, 40, 20);
   REQUIRE(pick.hit == 1);
   CHECK(pick.position[2] == Approx(4 - pick.depth).margin(1e-4));
 }
@@ -432,8 +386,7 @@ TEST_CASE("records of a file are returned", "[library]") {
   CHECK(triangles == file.triangles);
   auto scene = sized<scree_scene_info>();
   must(scree_get_scene_info(opened.file, file.default_scene, &scene));
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(opened.scene, &stats));
+  scree_scene_stats stats = stats_of(opened.scene);
   CHECK(stats.triangles == scene.triangles);
   CHECK(stats.instances == scene.instances);
   CHECK(stats.on_gpu == 0);
@@ -441,7 +394,7 @@ TEST_CASE("records of a file are returned", "[library]") {
   CHECK(std::string(stats.why_cpu) == "");
   scree_scene* anywhere = nullptr;
   must(scree_load(opened.file, nullptr, &anywhere));
-  must(scree_get_scene_stats(anywhere, &stats));
+  stats = stats_of(anywhere);
   CHECK((stats.on_gpu == 1) == std::string(stats.why_cpu).empty());
   must(scree_unload(anywhere));
   for (uint32_t i = 0; i < scene.cameras; ++i) {
@@ -451,8 +404,7 @@ TEST_CASE("records of a file are returned", "[library]") {
     auto named = sized<scree_camera>();
     named.kind = SCREE_CAMERA_NAMED;
     named.name = number.c_str();
-    const scree_draw_options options = draw_options(20, 20);
-    must(scree_draw(opened.view, &named, &options));
+    draw(opened.view, draw_options(20, 20), &named);
   }
 }
 
@@ -462,43 +414,35 @@ TEST_CASE("a GPU's layers equal the CPU's, on the host and on the device", "[lib
   for (const char* const model : {"textured_cube.glb", "two_instances.gltf"}) {
     const std::string path = packed(folder, model, SCREE_CONVERT_NORMALS);
     const Opened cpu(path), gpu(path, SCREE_BACKEND_CUDA);
-    scree_view* second = nullptr;
-    must(scree_view_create(gpu.scene, &second));
-    auto stats = sized<scree_scene_stats>();
-    must(scree_get_scene_stats(gpu.scene, &stats));
+    const NewView second(gpu.scene);
+    const scree_scene_stats stats = stats_of(gpu.scene);
     CHECK(stats.on_gpu == 1);
     CHECK(stats.device_bytes > 0);
     for (Shot shot : random_shots(kEmulatesGpu ? 4 : 40, 3)) {
-      must(scree_draw(cpu.view, &shot.camera, &shot.options));
-      for (scree_view* const view : {gpu.view, second}) {
-        must(scree_draw(view, &shot.camera, &shot.options));
+      draw(cpu.view, shot.options, &shot.camera);
+      for (scree_view* const view : std::array<scree_view*, 2>{gpu.view, second}) {
+        draw(view, shot.options, &shot.camera);
         for (const scree_layer layer : kAllLayers) {
           if (layer == SCREE_COLOR || layer == SCREE_LINEAR) continue;
           INFO("layer " << layer);
           const std::string expected = layer_of(cpu.view, layer);
-          auto array = sized<scree_array>();
-          must(scree_device_layer(view, layer, nullptr, &array));
+          const scree_array array = device_layer(view, layer);
           CHECK(array.gpu == 0);
           CHECK(array.bytes == expected.size());
           CHECK(layer_of(view, layer) == expected);
         }
-        const std::string a = layer_of(cpu.view, SCREE_COLOR), b = layer_of(view, SCREE_COLOR);
-        REQUIRE(a.size() == b.size());
-        size_t differing = 0;
-        for (size_t i = 0; i < a.size(); ++i)
-          differing += std::abs(static_cast<uint8_t>(a[i]) - static_cast<uint8_t>(b[i])) > 1 ? 1 : 0;
-        CHECK(differing <= a.size() / 1000);
+        const std::string colors = layer_of(cpu.view, SCREE_COLOR);
+        CHECK(differing(colors, layer_of(view, SCREE_COLOR)) <= colors.size() / 1000);
         const auto linear = values_of<float>(layer_of(cpu.view, SCREE_LINEAR));
         const auto linear_on_gpu = values_of<float>(layer_of(view, SCREE_LINEAR));
         REQUIRE(linear.size() == linear_on_gpu.size());
-        differing = 0;
-        for (size_t i = 0; i < linear.size(); ++i) differing += std::abs(linear[i] - linear_on_gpu[i]) > 0.01f ? 1 : 0;
-        CHECK(differing <= linear.size() / 1000);
+        size_t far = 0;
+        for (size_t i = 0; i < linear.size(); ++i) far += std::abs(linear[i] - linear_on_gpu[i]) > 0.01f ? 1 : 0;
+        CHECK(far <= linear.size() / 1000);
         auto none = sized<scree_array>();
         CHECK(scree_device_layer(view, SCREE_LINEAR, nullptr, &none) == SCREE_ERROR_ARGUMENT);
-        auto on_cpu = sized<scree_pick_info>(), on_gpu = on_cpu;
-        must(scree_pick(cpu.view, shot.options.width / 2, shot.options.height / 2, &on_cpu));
-        must(scree_pick(view, shot.options.width / 2, shot.options.height / 2, &on_gpu));
+        const scree_pick_info on_cpu = pick_at(cpu.view, shot.options.width / 2, shot.options.height / 2);
+        const scree_pick_info on_gpu = pick_at(view, shot.options.width / 2, shot.options.height / 2);
         CHECK(on_cpu.hit == on_gpu.hit);
         CHECK(on_cpu.triangle == on_gpu.triangle);
         CHECK(on_cpu.depth == on_gpu.depth);
@@ -506,61 +450,52 @@ TEST_CASE("a GPU's layers equal the CPU's, on the host and on the device", "[lib
     }
     // A batch's pictures alternate between two draw lists. It must equal the single frames: layers of the CPU, colours
     // of the GPU.
-    std::vector<scree_camera> cameras;
-    for (const Shot& shot : random_shots(5, 5)) cameras.push_back(shot.camera);
+    const std::vector<scree_camera> cameras = random_cameras(5, 5);
     const scree_draw_options options = draw_options(20, 10, 2);
-    constexpr uint32_t kMade = 0x7f & ~(1u << SCREE_SAMPLES);
-    // Batches of four or more of these pictures are drawn together.
-    constexpr uint32_t kIds = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
-    must(scree_draw_batch(cpu.view, cameras.data(), 5, &options, kMade));
-    for (const auto& [count, made] :
-         {std::pair{5u, kMade}, {2u, kMade}, {1u, kMade}, {5u, kIds}, {3u, kIds}, {1u, kIds}, {5u, kMade}}) {
+    must(scree_draw_batch(cpu.view, cameras.data(), 5, &options, kPixelLayers));
+    // Batches of four or more pictures of ids are drawn together.
+    using Batch = std::pair<uint32_t, uint32_t>;
+    for (const auto& [count, made] : {Batch{5, kPixelLayers},
+                                      {2, kPixelLayers},
+                                      {1, kPixelLayers},
+                                      {5, kIdLayers},
+                                      {3, kIdLayers},
+                                      {1, kIdLayers},
+                                      {5, kPixelLayers}}) {
       must(scree_draw_batch(second, cameras.data(), count, &options, made));
       auto refused = sized<scree_array>();
-      if (made == kIds) CHECK(scree_host_layer(second, SCREE_NORMAL, &refused) == SCREE_ERROR_ARGUMENT);
+      if (made == kIdLayers) CHECK(scree_host_layer(second, SCREE_NORMAL, &refused) == SCREE_ERROR_ARGUMENT);
       CHECK(scree_draw_batch(second, cameras.data(), 0, &options, made) == SCREE_ERROR_ARGUMENT);
       must(scree_draw_batch(second, cameras.data(), count, &options, made));
       for (const scree_layer layer : kAllLayers) {
         if ((made >> layer & 1) == 0) continue;
         INFO("layer " << layer << ", " << count << " cameras");
-        auto array = sized<scree_array>();
-        must(scree_device_layer(second, layer, nullptr, &array));
+        const scree_array array = device_layer(second, layer);
         CHECK(array.gpu == 0);
         CHECK(array.shape[0] == count);
-        std::string expected;
-        for (uint32_t i = 0; i < count; ++i) {
-          must(scree_draw(gpu.view, &cameras[i], &options));
-          expected += layer_of(gpu.view, layer);
-        }
+        const std::string expected = single_frames(gpu.view, std::span(cameras).first(count), options, layer);
         CHECK(array.bytes == expected.size());
         CHECK(layer_of(second, layer) == expected);
         if (layer != SCREE_COLOR && count == 5) CHECK(layer_of(cpu.view, layer) == expected);
         // The memory of another view's layer serves as the caller's memory.
         must(scree_draw_batch(gpu.view, cameras.data(), count, &options, made));
-        auto place = sized<scree_array>();
-        must(scree_device_layer(gpu.view, layer, nullptr, &place));
-        auto target = sized<scree_target>();
-        target.data = const_cast<void*>(place.data);
-        target.bytes = place.bytes;
-        target.layer = layer;
+        const scree_array place = device_layer(gpu.view, layer);
+        scree_target target = target_of(layer, const_cast<void*>(place.data), place.bytes);
         std::vector<scree_camera> turned(cameras.rbegin(), cameras.rend());
         turned.resize(count);
         must(scree_draw_batch(second, turned.data(), count, &options, 1u << layer));
         const std::string wanted = layer_of(second, layer);
-        scree_view* third = nullptr;
-        must(scree_view_create(gpu.scene, &third));
+        const NewView third(gpu.scene);
         must(scree_draw_batch_to(third, turned.data(), count, &options, &target, 1, nullptr));
         CHECK(layer_of(gpu.view, layer) == wanted);
         target.bytes -= 1;
         CHECK(scree_draw_batch_to(third, turned.data(), count, &options, &target, 1, nullptr) == SCREE_ERROR_BUFFER);
-        must(scree_view_destroy(third));
         must(scree_draw_batch(second, cameras.data(), count, &options, made));
       }
     }
-    must(scree_draw(second, &cameras[1], &options));  // with the list of the second picture
-    must(scree_draw(gpu.view, &cameras[1], &options));
+    draw(second, options, &cameras[1]);  // with the list of the second picture
+    draw(gpu.view, options, &cameras[1]);
     CHECK(frame_of(second) == frame_of(gpu.view));
-    must(scree_view_destroy(second));
   }
 }
 
@@ -574,37 +509,27 @@ TEST_CASE("views of a scene larger than the GPU's memory draw the same as on the
   for (int m = 0; m < 24; ++m) {  // more than streaming takes
     Soup cloud;
     const double middle[3] = {unit(random), unit(random), unit(random)};
-    for (int i = 0; i < 1500; ++i) {
-      uint32_t corner[3];
-      for (uint32_t& c : corner)
-        c = cloud.add(middle[0] + 0.3 * unit(random), middle[1] + 0.3 * unit(random), middle[2] + 0.3 * unit(random));
-      cloud.triangle(corner[0], corner[1], corner[2]);
-    }
+    for (int i = 0; i < 1500; ++i) add_triangle(cloud, middle, 0.3, random);
     meshes.emplace_back(cloud, float32());
   }
   const PagedScene paged{.chunk_triangles = 1500};  // few parts per frame
   paged.write(path, meshes);
   scree_file* file = nullptr;
   must(scree_open(path.c_str(), &file));
-  auto load = sized<scree_load_options>();
-  load.backend = SCREE_BACKEND_CUDA;
-  load.threads = 2;
-  load.device_memory = 1;
+  scree_load_options load = load_options(SCREE_BACKEND_CUDA, 1);
   load.max_width = load.max_height = 64;
   load.max_samples = 1;
   scree_scene* scene = nullptr;
   REQUIRE(scree_load(file, &load, &scene) == SCREE_ERROR_DEVICE);
   load.device_memory = least_device_memory(scree_error());
   must(scree_load(file, &load, &scene));
-  auto stats = sized<scree_scene_stats>();
-  must(scree_get_scene_stats(scene, &stats));
-  CHECK(stats.streamed == 1);
+  CHECK(stats_of(scene).streamed == 1);
   const Opened cpu(path);
   scree_view* views[2] = {};
   for (scree_view*& view : views) must(scree_view_create(scene, &view));
   for (const Shot& shot : random_shots(kEmulatesGpu ? 1 : 30, 6)) {
-    must(scree_draw(cpu.view, &shot.camera, &shot.options));
-    for (scree_view* const view : views) must(scree_draw(view, &shot.camera, &shot.options));
+    draw(cpu.view, shot.options, &shot.camera);
+    for (scree_view* const view : views) draw(view, shot.options, &shot.camera);
     for (scree_view* const view : views) {
       for (const scree_layer layer : {SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_SAMPLES})
         CHECK(layer_of(view, layer) == layer_of(cpu.view, layer));

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <optional>
 #include <span>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "runtime/draw/pick.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/scene/scene.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -86,5 +88,25 @@ class Frame {
   std::vector<uint64_t> samples_;
   kernels::FrameStats stats_{};
 };
+
+inline Frame must_draw(const runtime::Scene& scene, const kernels::View& view, uint32_t samples_per_side = 1,
+                       runtime::DeviceView* device = nullptr, const kernels::ShadeOptions* shade = nullptr) {
+  return must(Frame::draw(scene, view, samples_per_side, 2, device, shade));
+}
+
+/// The shaded frame.
+inline std::vector<uint8_t> must_picture(const runtime::Scene& scene, const kernels::View& view,
+                                         uint32_t samples_per_side = 1, runtime::DeviceView* device = nullptr,
+                                         const kernels::ShadeOptions& shade = {}) {
+  return must(must_draw(scene, view, samples_per_side, device, &shade).shade(shade, 2));
+}
+
+/// Number of values that differ by more than one level.
+inline size_t differing(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
+  REQUIRE(a.size() == b.size());
+  size_t count = 0;
+  for (size_t i = 0; i < a.size(); ++i) count += std::abs(a[i] - b[i]) > 1 ? 1 : 0;
+  return count;
+}
 
 }  // namespace scree::tests

@@ -2,13 +2,10 @@
 #pragma once
 
 #include <string>
-#include <utility>
 
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
 #include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 namespace scree::tests {

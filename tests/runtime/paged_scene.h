@@ -8,9 +8,7 @@
 #include <vector>
 
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/kernels/scene_builder.h"
-#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 namespace scree::tests {
@@ -20,9 +18,7 @@ namespace scree::tests {
 /// `change` may alter page `number` before it is written.
 struct PagedScene {
   uint64_t page_bytes = 9000;
-  uint32_t zstd_every = 3;
-  uint32_t image_every = 4;
-  uint32_t chunk_triangles = 300;
+  uint32_t zstd_every = 3, image_every = 4, chunk_triangles = 300;
   bool drawn_twice = false;  // every mesh has two instances
   std::function<void(uint32_t number, format::SealedPage& page)> change;
 

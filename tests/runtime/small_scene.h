@@ -2,9 +2,7 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <functional>
-#include <iterator>
 #include <string>
 #include <vector>
 
@@ -16,7 +14,6 @@
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
@@ -26,9 +23,7 @@ namespace scree::tests {
 /// A PNG of 2 x 2 texels: red and green over blue and white.
 inline std::vector<std::byte> four_colors_png() {
   const std::vector<uint8_t> pixels{255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
-  Result<std::vector<std::byte>> png = runtime::encode_png({2, 2, 3, pixels});
-  REQUIRE(png);
-  return std::move(*png);
+  return must(runtime::encode_png({2, 2, 3, pixels}));
 }
 
 /// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. Its source

@@ -53,8 +53,7 @@ class BitWriter {
 
  private:
   std::string& out_;
-  uint32_t byte_ = 0;
-  uint32_t held_ = 0;
+  uint32_t byte_ = 0, held_ = 0;
 };
 
 }  // namespace

@@ -33,9 +33,7 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double a
     texture.wrap_s = kWraps[i % 3];
     texture.wrap_t = kWraps[(i + 1) % 3];
     texture.mag_filter = i == 4 ? 9728 : 9729;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
-    material.unlit = i % 2 == 0;
+    tools::GltfMaterial material{.texture = maker.writer().add_texture(texture), .unlit = i % 2 == 0};
     material.double_sided = true;
     material.base_color[3] = alpha;
     if (alpha < 1) material.alpha = tools::GltfAlpha::kBlend;

@@ -12,25 +12,21 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
+#include "tests/models.h"
 #include "tests/results.h"
+#include "tests/tools/temp_folder.h"
 #include "tools/gltf/writer.h"
 
 namespace scree::tests {
 
 /// A wavy grid of columns x rows squares, two triangles each.
 struct GridSpec {
-  uint32_t columns = 4;
-  uint32_t rows = 4;
+  uint32_t columns = 4, rows = 4;
   float size = 1;  // side, model units
   std::array<float, 3> origin{0, 0, 0};
-  bool flat = false;
-  bool uv = false;
-  bool color = false;
-  bool white = false;
+  bool flat = false, uv = false, color = false, white = false;
   bool fading = false;  // with `color`: the alpha goes from 0 to 1 along x
-  bool normal = false;
-  bool indexed = true;
+  bool normal = false, indexed = true;
 };
 
 class ModelMaker {
@@ -120,6 +116,11 @@ class ModelMaker {
     return writer_.add_material({.texture = writer_.add_texture(texture(name, codec, bytes))});
   }
 
+  /// Adds a material with tests/data/checker.png.
+  uint32_t checker(const std::string& name = "checker") {
+    return textured(name, format::ImageCodec::kPng, read_bytes(data_path("checker.png")));
+  }
+
   uint32_t mesh(const std::string& name, std::vector<tools::GltfPrimitive> primitives) {
     return writer_.add_mesh({.name = name, .primitives = std::move(primitives)});
   }
@@ -133,10 +134,14 @@ class ModelMaker {
     return number;
   }
 
+  /// Adds a mesh, and a root node of the same name that draws it at a position.
+  uint32_t draw(const std::string& name, std::vector<tools::GltfPrimitive> primitives,
+                std::array<double, 3> place = {0, 0, 0}) {
+    return node(name, mesh(name, std::move(primitives)), place);
+  }
+
   void finish(bool with_scene = true) {
-    if (with_scene) {
-      writer_.add_scene({.name = "all", .nodes = roots_});
-    }
+    if (with_scene) writer_.add_scene({.name = "all", .nodes = roots_});
     must(writer_.finish());
   }
 
@@ -144,8 +149,7 @@ class ModelMaker {
   static tools::GltfWriter open(const std::string& path) { return must(tools::GltfWriter::create(path)); }
 
   uint32_t view(std::span<const std::byte> bytes, tools::GltfTarget target) {
-    const uint64_t offset = must(writer_.append(bytes));
-    return writer_.add_buffer_view({offset, bytes.size(), 0, target});
+    return writer_.add_buffer_view({must(writer_.append(bytes)), bytes.size(), 0, target});
   }
 
   tools::GltfWriter writer_;
@@ -162,9 +166,15 @@ void make_model(const std::string& path, const Fill& fill) {
 
 /// Writes a file with one node and one mesh, a grid.
 inline void make_model(const std::string& path, const GridSpec& spec) {
-  ModelMaker maker(path);
-  maker.node("node", maker.mesh("mesh", {maker.grid(spec)}));
-  maker.finish();
+  make_model(path, [&](ModelMaker& maker) { maker.node("node", maker.mesh("mesh", {maker.grid(spec)})); });
+}
+
+/// Writes a file with one node and one mesh of these triangles.
+inline void make_model(const std::string& path, const std::vector<float>& points, const std::vector<uint32_t>& corners,
+                       std::array<double, 3> place = {0, 0, 0}) {
+  make_model(path, [&](ModelMaker& maker) {
+    maker.node("node", maker.mesh("mesh", {maker.primitive(points, corners)}), place);
+  });
 }
 
 /// A strip of `side` squares per side, with its triangles in random order. It is sorted if it exceeds a window.
@@ -191,8 +201,8 @@ inline void make_grids(const std::string& path) {
   loose.columns = 31;
   loose.indexed = false;
   loose.origin = {1000, -3, 0.25f};
-  maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid({.size = 30, .flat = true})}));
-  maker.node("b", maker.mesh("b", {maker.grid(loose)}), {5, 0, 0});
+  maker.draw("a", {maker.grid(all), maker.grid({.size = 30, .flat = true})});
+  maker.draw("b", {maker.grid(loose)}, {5, 0, 0});
   maker.finish();
 }
 

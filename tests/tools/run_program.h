@@ -11,6 +11,8 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <iterator>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -21,6 +23,12 @@
 #include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
+
+/// The words of a command line, between blanks.
+inline std::vector<std::string> words_of(const std::string& line) {
+  std::istringstream stream(line);
+  return {std::istream_iterator<std::string>(stream), {}};
+}
 
 /// Starts `program`. Both of its output streams go to the file `log`.
 inline pid_t start_program(const std::vector<std::string>& words, const std::string& log,
@@ -80,6 +88,15 @@ inline ProgramRun run_program(const std::vector<std::string>& words, const std::
   };
   return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, seconds(usage.ru_utime) + seconds(usage.ru_stime),
           read_whole(log)};
+}
+
+/// The same for a run that must succeed.
+inline ProgramRun must_run(const std::vector<std::string>& words, const std::string& log,
+                           const char* program = kProgram) {
+  ProgramRun run = run_program(words, log, program);
+  INFO(run.output);
+  REQUIRE(run.exit_code == 0);
+  return run;
 }
 
 /// The peak memory that convert's last line states, in bytes; 0 if there is none.

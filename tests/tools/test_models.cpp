@@ -4,12 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/sanitized.h"
 #include "tests/tools/compare/source_compare.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 using namespace scree;

@@ -4,11 +4,9 @@
 #include <map>
 #include <random>
 #include <string>
-#include <vector>
 
 #include "format/blocks/bc7_block.h"
 #include "format/blocks/pixels.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/spec_vectors.h"
 
 namespace scree::format {

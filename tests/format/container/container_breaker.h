@@ -9,7 +9,6 @@
 
 #include "format/bytes.h"
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/results.h"
 

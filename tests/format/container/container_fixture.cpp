@@ -5,7 +5,6 @@
 
 #include "format/bytes.h"
 #include "format/geometry/chunk_layout.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 
 namespace scree::tests {

@@ -5,37 +5,18 @@
 #include <cstdint>
 #include <cstring>
 #include <functional>
-#include <new>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "format/container/container.h"
+#include "tests/exact_copy.h"
 #include "tests/format/container/reseal.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
 
 using Bytes = std::vector<std::byte>;
-
-/// A copy in a heap block of exactly its size, aligned like a map, so that ASan detects every read past its end.
-class ExactCopy {
- public:
-  explicit ExactCopy(std::span<const std::byte> bytes)
-      : data_(static_cast<std::byte*>(::operator new(bytes.size(), kAlignment))), size_(bytes.size()) {
-    if (!bytes.empty()) std::memcpy(data_, bytes.data(), bytes.size());
-  }
-  ~ExactCopy() { ::operator delete(data_, kAlignment); }
-  ExactCopy(const ExactCopy&) = delete;
-  ExactCopy& operator=(const ExactCopy&) = delete;
-  std::span<const std::byte> bytes() const { return {data_, size_}; }
-  std::byte& operator[](size_t index) { return data_[index]; }
-
- private:
-  static constexpr std::align_val_t kAlignment{64};
-  std::byte* data_;
-  size_t size_;
-};
 
 /// Checks everything: open() and every page.
 inline std::optional<Error> verify(std::span<const std::byte> file) {
@@ -94,8 +75,7 @@ struct RawTable {
   Bytes bytes;
 };
 struct RawFile {
-  uint16_t version_major = format::kVersionMajor;
-  uint16_t version_minor = format::kVersionMinor;
+  uint16_t version_major = format::kVersionMajor, version_minor = format::kVersionMinor;
   Bytes page_area;  // from kPageAlignment on
   std::vector<RawTable> tables;
 

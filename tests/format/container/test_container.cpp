@@ -11,7 +11,6 @@
 #include "format/container/checksum.h"
 #include "format/container/container.h"
 #include "format/geometry/chunk_layout.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/results.h"
@@ -26,9 +25,8 @@ using namespace scree::format;
 template <class Record>
 bool same(const Table<Record>& table, const std::vector<Record>& records) {
   if (table.size() != records.size()) return false;
-  for (size_t i = 0; i < records.size(); ++i) {
+  for (size_t i = 0; i < records.size(); ++i)
     if (std::memcmp(&table[i], &records[i], sizeof(Record)) != 0) return false;
-  }
   return true;
 }
 
@@ -78,7 +76,7 @@ TEST_CASE("container: every table and page is read as it was written", "[contain
   for (uint32_t i = 0; i < parts.pages.size(); ++i) {
     CHECK(container.pages()[i].offset % kPageAlignment == 0);
     const auto stored = container.stored_page(i);
-    CHECK(std::equal(stored.begin(), stored.end(), parts.pages[i].stored.begin(), parts.pages[i].stored.end()));
+    CHECK(std::ranges::equal(stored, parts.pages[i].stored));
     const auto raw = must(container.load_page(i, scratch));
     CHECK(raw.size() == parts.pages[i].record.raw_bytes);
     CHECK(reinterpret_cast<uintptr_t>(raw.data()) % kChunkAlignment == 0);
@@ -107,14 +105,11 @@ TEST_CASE("container: a file with empty tables is valid", "[container]") {
 TEST_CASE("container: every prefix and one byte too many are refused", "[container]") {
   const Bytes file = file_of(tiny_parts());
   REQUIRE(!verify_copy(file));
-  for (size_t size = 0; size < file.size(); ++size) {
-    const auto error = must(verify_copy(std::span(file).first(size)));
-    CHECK(error.code == ErrorCode::kTruncated);
-  }
+  for (size_t size = 0; size < file.size(); ++size)
+    CHECK(must(verify_copy(std::span(file).first(size))).code == ErrorCode::kTruncated);
   Bytes longer = file;
   longer.push_back(std::byte{0});
-  const auto error = must(verify_copy(longer));
-  CHECK(error.code == ErrorCode::kTrailing);
+  CHECK(must(verify_copy(longer)).code == ErrorCode::kTrailing);
 }
 
 TEST_CASE("container: a flipped bit anywhere is found", "[container]") {
@@ -208,9 +203,8 @@ TEST_CASE("container: newer versions are refused or read by the rules", "[contai
       table.record_bytes = longer;
       table.bytes = bytes;
     }
-    for (const uint32_t kind : {99u, 1000u, 1000u}) {
+    for (const uint32_t kind : {99u, 1000u, 1000u})
       raw.tables.insert(raw.tables.begin() + 3, {static_cast<TableKind>(kind), 3, Bytes(9, std::byte{7})});
-    }
     Bytes newer = patched<PageRecord>(raw.build(), TableKind::kPages, 2, [](PageRecord&) {});
     const ExactCopy copy(newer);
     const auto container = must(Container::open(copy.bytes()));
@@ -220,15 +214,13 @@ TEST_CASE("container: newer versions are refused or read by the rules", "[contai
 
     const size_t unknown = toc_entry_offset(newer, static_cast<TableKind>(99));
     newer[load<TocEntry>(newer.data() + unknown).offset] ^= std::byte{1};
-    const auto error = must(verify_copy(newer));
-    CHECK(error.message == "table 5 of kind 99: the checksum differs");
+    CHECK(must(verify_copy(newer)).message == "table 5 of kind 99: the checksum differs");
   }
   SECTION("longer records of our own minor are refused") {
     RawFile raw(file);
     RawTable& table = raw.table(TableKind::kScenes);
     table.record_bytes += 48;
-    const auto error = must(verify_copy(raw.build()));
-    CHECK(error.message == "scene table: records of 96 bytes, expected 48");
+    CHECK(must(verify_copy(raw.build())).message == "scene table: records of 96 bytes, expected 48");
   }
   SECTION("longer records keep 64-bit fields aligned") {
     RawFile raw(file);
@@ -236,17 +228,16 @@ TEST_CASE("container: newer versions are refused or read by the rules", "[contai
     RawTable& table = raw.table(TableKind::kSource);
     table.record_bytes += 4;
     table.bytes.resize(table.record_bytes);
-    const auto error = must(verify_copy(raw.build()));
-    CHECK(error.message == "source table: records of 68 bytes, expected a multiple of 8");
+    CHECK(must(verify_copy(raw.build())).message == "source table: records of 68 bytes, expected a multiple of 8");
   }
   SECTION("a page of an unknown kind is kept and checked, and nothing may use it") {
     Parts parts = full_parts();
     parts.pages.push_back(seal_page(static_cast<PageKind>(77), Bytes(5000), 3));
     Bytes newer = file_of(parts);
     CHECK(!verify_copy(newer));
-    const auto error = must(
-        verify_copy(patched<ChunkRecord>(newer, TableKind::kChunks, 0, [](ChunkRecord& chunk) { chunk.page = 3; })));
-    CHECK(error.message == "chunk 0: page 3 is of kind 77, which holds no chunks");
+    CHECK(must(verify_copy(patched<ChunkRecord>(newer, TableKind::kChunks, 0, [](ChunkRecord& chunk) {
+            chunk.page = 3;
+          }))).message == "chunk 0: page 3 is of kind 77, which holds no chunks");
   }
 }
 
@@ -342,8 +333,7 @@ TEST_CASE("container: large tables, checked in parts, give the same errors as sm
 double opening_nanoseconds(const ExactCopy& file, uint32_t count) {
   const double start = cpu_seconds();
   must(Container::open(file.bytes()));
-  const double seconds = cpu_seconds() - start;
-  return 1e9 * seconds / (6.0 * count);
+  return 1e9 * (cpu_seconds() - start) / (6.0 * count);
 }
 
 /// Run it by name: scree_tests "[container-speed]", in a release build.

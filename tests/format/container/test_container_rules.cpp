@@ -4,9 +4,7 @@
 
 #include "format/bytes.h"
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_breaker.h"
-#include "tests/results.h"
 
 #define XXH_STATIC_LINKING_ONLY
 #include <xxhash.h>

@@ -9,7 +9,6 @@
 
 #include "format/bytes.h"
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/full_disk.h"
 #include "tests/paths.h"
@@ -42,8 +41,7 @@ TEST_CASE("container writer: a page written piece by piece equals the page in me
       return {};
     };
     REQUIRE(held.append(page));
-    const auto number = must(read.append_raw(PageKind::kImage, bytes, give));
-    CHECK(number == 0);
+    CHECK(must(read.append_raw(PageKind::kImage, bytes, give)) == 0);
     REQUIRE(held.finish({}));
     REQUIRE(read.finish({}));
     CHECK(read_bytes(folder.file("held")) == read_bytes(folder.file("read")));
@@ -66,9 +64,7 @@ TEST_CASE("container writer: the name appears at the end, and the .part disappea
     CHECK(fs::file_size(path) == size);
     CHECK(!fs::exists(path + ".part"));
     CHECK(folder.names().size() == 1);
-    const auto again = writer.finish({});
-    REQUIRE(!again);
-    CHECK(again.error().message == path + ".part: is not open any more");
+    CHECK(refusal(writer.finish({})).message == path + ".part: is not open any more");
   }
   CHECK(fs::exists(path));
   CHECK(!verify_copy(read_bytes(path)));
@@ -118,17 +114,15 @@ TEST_CASE("container writer: a stale .part is taken over, but not a locked one",
   REQUIRE(first.append(noise_page(100)));
   REQUIRE(first.finish({}));
   CHECK(!verify_copy(read_bytes(path)));
-  auto third = ContainerWriter::create(path);
-  CHECK(third);
+  CHECK(ContainerWriter::create(path));
 }
 
 TEST_CASE("container writer: paths that cannot be written are errors", "[container]") {
   const TempFolder folder;
   const auto error = [](const std::string& path) {
-    const auto writer = ContainerWriter::create(path);
-    REQUIRE(!writer);
-    CHECK(writer.error().code == ErrorCode::kFile);
-    return writer.error().message;
+    const Error refused = refusal(ContainerWriter::create(path));
+    CHECK(refused.code == ErrorCode::kFile);
+    return refused.message;
   };
   CHECK(error(folder.path().string()) == folder.path().string() + ": is a folder");
   const std::string missing = folder.file("missing/a.scree");
@@ -163,9 +157,8 @@ TEST_CASE("container writer: a full disk is an error that leaves the earlier fil
         message = appended.error().message;
         CHECK(refusal(writer.append(page)).code == ErrorCode::kFile);
       }
-      const auto finished = writer.finish({});
-      REQUIRE(!finished);
-      if (message.empty()) message = finished.error().message;
+      const Error unfinished = refusal(writer.finish({}));
+      if (message.empty()) message = unfinished.message;
     }
     CHECK(message == path + ".part: write: File too large");
     CHECK(folder.names().size() == 1);  // removed at once, not only by the writer's destructor

@@ -2,7 +2,6 @@
 #include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_breaker.h"
 
 namespace scree::tests {

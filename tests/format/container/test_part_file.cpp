@@ -12,7 +12,6 @@
 
 #include "format/container/container.h"
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
@@ -81,9 +80,7 @@ TEST_CASE("part file: a parked .part that another writer has taken is neither re
     REQUIRE(first.park());
     CHECK_FALSE(first.is_open());
     PartFile second = must_create(path);
-    if (commits) {
-      CHECK(refusal(first.commit()).message.find("another program has changed it") != std::string::npos);
-    }
+    if (commits) CHECK(refusal(first.commit()).message.find("another program has changed it") != std::string::npos);
     first.discard();
     REQUIRE(std::filesystem::exists(second.part_path()));
     REQUIRE(second.write_at(0, bytes_of("second")));
@@ -139,8 +136,7 @@ TEST_CASE("part file: a container whose name is taken meanwhile is kept as a .pa
   // The .part is complete: it can be read after a rename.
   writer = Error{ErrorCode::kFile, {}};
   std::filesystem::rename(path + ".part", path);
-  const std::string bytes = read_whole(path);
-  CHECK(bytes.substr(1, 5) == "SCREE");
+  CHECK(read_whole(path).substr(1, 5) == "SCREE");
   CHECK(folder.names() == std::vector<std::string>{"out.scree"});
 }
 

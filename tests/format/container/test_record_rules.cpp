@@ -3,7 +3,6 @@
 
 #include "format/bytes.h"
 #include "format/container/container.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_breaker.h"
 
 namespace scree::tests {

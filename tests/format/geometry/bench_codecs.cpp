@@ -11,7 +11,6 @@
 #include "format/geometry/cluster_page.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"

@@ -17,8 +17,7 @@ namespace scree::tests {
 
 /// Triangles over lattice offsets.
 struct List {
-  std::vector<uint32_t> indices;
-  std::vector<uint32_t> offsets;
+  std::vector<uint32_t> indices, offsets;
 
   uint32_t vertex_count() const { return static_cast<uint32_t>(offsets.size() / 3); }
   uint32_t add(uint32_t x, uint32_t y, uint32_t z) {
@@ -59,7 +58,7 @@ inline ClusteredChunk encode(const List& list, tools::ClusterEffort effort = too
 }
 
 /// A height field of n x n quads, with triangles row by row.
-inline List grid(uint32_t n, uint32_t step, uint32_t slope) {
+inline List grid_list(uint32_t n, uint32_t step, uint32_t slope) {
   List list;
   for (uint32_t y = 0; y <= n; ++y)
     for (uint32_t x = 0; x <= n; ++x) list.add(x * step, y * step, 1000 + slope * x + (x * y * 7) % 5);

@@ -12,8 +12,7 @@ namespace scree::tests {
 /// The range of a list of indices; {0, 0} for an empty list.
 inline format::IndexRange index_range(std::span<const uint32_t> indices) {
   if (indices.empty()) return {0, 0};
-  uint32_t smallest = indices[0];
-  uint32_t largest = indices[0];
+  uint32_t smallest = indices[0], largest = indices[0];
   for (const uint32_t index : indices) {
     smallest = std::min(smallest, index);
     largest = std::max(largest, index);

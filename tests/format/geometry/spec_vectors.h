@@ -49,9 +49,8 @@ class SpecVector {
   double number(const std::string& key) const { return std::strtod(text(key).c_str(), nullptr); }
   std::vector<std::byte> bytes(const std::string& key) const {
     std::vector<std::byte> values;
-    for (const std::string& word : words(key)) {
+    for (const std::string& word : words(key))
       values.push_back(static_cast<std::byte>(std::strtoul(word.c_str(), nullptr, 16)));
-    }
     return values;
   }
 

@@ -7,8 +7,6 @@
 #include <random>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"
@@ -169,9 +167,8 @@ TEST_CASE("texture coordinates survive every width and length", "[attribute_code
           uvs[i] = dequantize(range.min[i % 2] + code, range.exponent);
         }
         std::vector<float> decoded(uvs.size());
-        if (!decode_uvs(decoded, range, encode(uvs, range)) || decoded != uvs) {
+        if (!decode_uvs(decoded, range, encode(uvs, range)) || decoded != uvs)
           FAIL(int{u_bits} << " and " << int{v_bits} << " bits, " << count);
-        }
       }
     }
   }
@@ -222,18 +219,16 @@ TEST_CASE("random bytes and ranges never take a texture coordinate decoder past 
       range.bits[axis] = static_cast<uint8_t>(random() % 8 == 0 ? random() : random() % 26);
     }
     GuardedBytes guarded(uv_stream_bytes(count, range) + (random() % 8 == 0 ? random() % 3 : 0));
-    for (uint64_t bit = 0; bit < count * range.stride_bits(); ++bit) {
+    for (uint64_t bit = 0; bit < count * range.stride_bits(); ++bit)
       if (random() % 2) guarded.bytes()[bit / 8] |= std::byte{1} << (bit % 8);
-    }
     std::vector<float> out(2 * count);
     const auto decoded = decode_uvs(out, range, guarded.bytes());
     const auto checked = check_uvs(count, range, guarded.bytes());
     if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (!decoded) continue;
     ++accepted;
-    for (const float value : out) {
+    for (const float value : out)
       if (!std::isfinite(value)) FAIL("a texture coordinate that is not finite");
-    }
   }
   CHECK(accepted > 1000);
 }
@@ -252,9 +247,8 @@ TEST_CASE("colours are rounded to the nearest of 256 values", "[attribute_codec]
   for (float& value : colors) value = static_cast<float>(random()) * 0x1p-32f;
   decoded.resize(colors.size());
   REQUIRE(decode_colors(decoded, encoded(color_stream_bytes(1001), [&](auto out) { encode_colors(out, colors); })));
-  for (size_t i = 0; i < colors.size(); ++i) {
+  for (size_t i = 0; i < colors.size(); ++i)
     if (std::fabs(decoded[i] - colors[i]) > 0.5 / 255 + 1e-7) FAIL(colors[i] << " became " << decoded[i]);
-  }
 
   const std::vector<float> odd{kNan, kInfinity, -kInfinity, -0.0f, 1e30f, -1e30f, FLT_TRUE_MIN, 1.0000001f};
   decoded.resize(odd.size());
@@ -284,8 +278,7 @@ TEST_CASE("normals keep the angle stated in the spec", "[attribute_codec][normal
   for (uint32_t bits = 2; bits <= 16; ++bits) {
     std::vector<float> decoded(normals.size());
     REQUIRE(decode_normals(decoded, bits, encode(normals, bits)));
-    double worst = 0;
-    double longest = 0;
+    double worst = 0, longest = 0;
     for (size_t i = 0; i < normals.size(); i += 3) {
       worst = std::max(worst, angle(&normals[i], &decoded[i]));
       const double square = static_cast<double>(decoded[i]) * decoded[i] +

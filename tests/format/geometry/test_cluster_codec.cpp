@@ -9,9 +9,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_pack.h"
 #include "format/geometry/cluster_read.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/cluster_lists.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"
@@ -77,9 +75,8 @@ void check_round_trip(const List& list, const ClusteredChunk& chunk) {
     }
     const uint32_t* corner = &list.indices[3 * size_t{source}];
     bool equal = false;
-    for (size_t r = 0; r < 3; ++r) {
+    for (size_t r = 0; r < 3; ++r)
       equal |= found[0] == corner[r] && found[1] == corner[(r + 1) % 3] && found[2] == corner[(r + 2) % 3];
-    }
     if (!equal) FAIL("triangle " << t << " is not triangle " << source << " of the list");
   }
   CHECK(std::count(seen.begin(), seen.end(), 1u) == static_cast<std::ptrdiff_t>(seen.size()));
@@ -144,10 +141,10 @@ TEST_CASE("clusters keep triangles, sides and offsets", "[cluster_codec]") {
   one.triangle(2, 0, 1);
   check_round_trip(one);
 
-  check_round_trip(grid(1, 1, 0));
-  check_round_trip(grid(8, 100, 3));          // 128 triangles: one cluster
-  check_round_trip(grid(40, 377, 50));        // 3200: several clusters
-  check_round_trip(grid(200, 83800, 80000));  // more than 32 clusters, 24 bits
+  check_round_trip(grid_list(1, 1, 0));
+  check_round_trip(grid_list(8, 100, 3));          // 128 triangles: one cluster
+  check_round_trip(grid_list(40, 377, 50));        // 3200: several clusters
+  check_round_trip(grid_list(200, 83800, 80000));  // more than 32 clusters, 24 bits
 }
 
 TEST_CASE("degenerate triangles keep their places and their vertices", "[cluster_codec]") {
@@ -207,15 +204,14 @@ TEST_CASE("clusters keep positions of every width", "[cluster_codec]") {
 
 TEST_CASE("a predicted axis takes few bits", "[cluster_codec]") {
   for (uint32_t axis = 0; axis < 3; ++axis) {
-    List slope = grid(8, 200, 0);
+    List slope = grid_list(8, 200, 0);
     for (size_t v = 0; v < slope.offsets.size(); v += 3) {
       const uint32_t x = slope.offsets[v], y = slope.offsets[v + 1];
       slope.offsets[v + axis] = 9000 - 2 * x + y + (x ^ y) % 3;
       slope.offsets[v + (axis + 1) % 3] = x;
       slope.offsets[v + (axis + 2) % 3] = y;
     }
-    const ClusteredChunk chunk = encode(slope);
-    const ClusterLayout layout = cluster_layout(chunk.set.clusters[0].record);
+    const ClusterLayout layout = cluster_layout(encode(slope).set.clusters[0].record);
     // Slopes of -2 are too steep to predict along this axis, so another axis is predicted.
     CHECK(layout.predicted_axis != kNotPredicted);
     CHECK(layout.position_bits[layout.predicted_axis] <= 3);
@@ -225,7 +221,7 @@ TEST_CASE("a predicted axis takes few bits", "[cluster_codec]") {
 
 TEST_CASE("damaged clusters are refused or decode within their limits", "[cluster_codec]") {
   std::mt19937 random(23);
-  const List lists[] = {grid(20, 300, 200), soup(random, 200, 90, 20), soup(random, 60, 4, 3)};
+  const List lists[] = {grid_list(20, 300, 200), soup(random, 200, 90, 20), soup(random, 60, 4, 3)};
   uint64_t accepted = 0;
   for (const List& list : lists) {
     const ClusteredChunk chunk = encode(list, ClusterEffort::kFast, 20);
@@ -264,7 +260,7 @@ TEST_CASE("checking and decoding clusters give the same result, at every width",
   std::vector<List> lists;
   for (uint32_t bits = 0; bits <= 24; ++bits) lists.push_back(soup(random, 200, 150, bits));
   for (uint32_t axis = 0; axis < 3; ++axis) {
-    List slope = grid(12, 200, 0);  // one axis is predicted from the others
+    List slope = grid_list(12, 200, 0);  // one axis is predicted from the others
     for (size_t v = 0; v < slope.offsets.size(); v += 3) {
       const uint32_t x = slope.offsets[v], y = slope.offsets[v + 1];
       slope.offsets[v + axis] = 9000 - x + y + (x ^ y) % 3;
@@ -298,7 +294,7 @@ TEST_CASE("checking and decoding clusters give the same result, at every width",
 }
 
 TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[cluster_codec]") {
-  const ClusteredChunk chunk = encode(grid(30, 100, 10));
+  const ClusteredChunk chunk = encode(grid_list(30, 100, 10));
   const ClusterStreams streams = chunk.streams(chunk.payload);
   const uint64_t records = streams.cluster_count * sizeof(ClusterRecord);
   const auto with = [&](std::span<const std::byte> ClusterStreams::*part) {
@@ -316,7 +312,7 @@ TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[clu
 }
 
 TEST_CASE("errors of clusters name the defect", "[cluster_codec]") {
-  const ClusteredChunk chunk = encode(grid(20, 300, 200), ClusterEffort::kFast, 20);
+  const ClusteredChunk chunk = encode(grid_list(20, 300, 200), ClusterEffort::kFast, 20);
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
   const auto message = [&](const auto& change) {
     ClusteredChunk broken = chunk;

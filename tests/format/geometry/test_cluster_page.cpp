@@ -13,9 +13,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/cluster_read.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/cluster_lists.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"
@@ -90,9 +88,7 @@ std::vector<Point> positions_of(const Bytes& split) {
   int64_t named = 0;
   Point first{};
   for (auto clusters = in.next<uint32_t>(0); clusters != 0; --clusters) {
-    const int triangles = in.next(1) + 1;
-    const int vertices = in.next(2) + 1;
-    const int form = in.next(3);
+    const int triangles = in.next(1) + 1, vertices = in.next(2) + 1, form = in.next(3);
     const size_t steps = in.at[5];
     const size_t step_bytes = (static_cast<size_t>(triangles) + 7) / 8;
     in.at[5] += step_bytes * ((form & 8) != 0 ? 2 : 1);
@@ -207,11 +203,11 @@ List far_apart(uint32_t count, uint32_t again) {
 }
 
 TEST_CASE("split pages are joined byte for byte", "[cluster_page]") {
-  check_split(grid(1, 1, 0));
-  check_split(grid(8, 100, 3));
-  check_split(grid(200, 83800, 80000));  // 24 bits
+  check_split(grid_list(1, 1, 0));
+  check_split(grid_list(8, 100, 3));
+  check_split(grid_list(200, 83800, 80000));  // 24 bits
   for (const ClusterEffort effort : {ClusterEffort::kFast, ClusterEffort::kBest})
-    check_split(grid(40, 377, 50), effort);
+    check_split(grid_list(40, 377, 50), effort);
   std::mt19937 random(7);
   for (const uint32_t bits : {8u, 15u, 16u, 24u})
     for (const uint32_t vertices : {40u, 900u}) check_split(soup(random, 700, vertices, bits));
@@ -220,8 +216,7 @@ TEST_CASE("split pages are joined byte for byte", "[cluster_page]") {
 TEST_CASE("split pages of the spec", "[cluster_page][spec]") {
   for (const auto& vector : spec_vectors("split.txt")) {
     INFO(vector.text("name"));
-    const Bytes split = vector.bytes("bytes");
-    const Bytes page = vector.bytes("page");
+    const Bytes split = vector.bytes("bytes"), page = vector.bytes("page");
     if (vector.has("error")) {
       CHECK(join(split, page.size()).starts_with(vector.text("error") + ": split page: "));
       continue;
@@ -239,7 +234,7 @@ TEST_CASE("split pages of the spec", "[cluster_page][spec]") {
 
 TEST_CASE("bytes between clusters stay unchanged", "[cluster_page]") {
   std::mt19937 random(3);
-  const ClusteredChunk first = encode(grid(30, 377, 50));
+  const ClusteredChunk first = encode(grid_list(30, 377, 50));
   const ClusteredChunk second = encode(soup(random, 300, 200, 12));
   Bytes page;
   std::vector<PageClusters> clusters;
@@ -275,7 +270,7 @@ TEST_CASE("references also work after more vertices than are kept", "[cluster_pa
 
 TEST_CASE("joined positions equal the spec's", "[cluster_page]") {
   std::mt19937 random(11);
-  std::vector<List> lists = {grid(12, 3000, 200), grid(40, 11, 3), grid(9, 1800000, 1700000)};
+  std::vector<List> lists = {grid_list(12, 3000, 200), grid_list(40, 11, 3), grid_list(9, 1800000, 1700000)};
   for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // some degenerate
   for (const List& list : lists) {
     const ClusteredChunk chunk = encode(list);
@@ -308,7 +303,7 @@ TEST_CASE("clusters that would take more than twice their bytes are not split", 
 }
 
 TEST_CASE("clusters whose encoding is not the tightest are not split", "[cluster_page]") {
-  const ClusteredChunk chunk = encode(grid(8, 20, 3));
+  const ClusteredChunk chunk = encode(grid_list(8, 20, 3));
   ClusteredChunk loose = chunk;
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
   std::byte* const at = loose.payload.data() + streams.cluster_bounds.offset;
@@ -321,7 +316,7 @@ TEST_CASE("clusters whose encoding is not the tightest are not split", "[cluster
 }
 
 TEST_CASE("a split page that is cut off, too long or changed is refused or gives a valid page", "[cluster_page]") {
-  const ClusteredChunk chunk = encode(grid(12, 3000, 200));
+  const ClusteredChunk chunk = encode(grid_list(12, 3000, 200));
   Bytes page = chunk.payload;
   page.resize(page.size() + 32, std::byte{9});
   const Bytes split = check_split(page, {{0, chunk.record.cluster_count}}).bytes;
@@ -351,7 +346,7 @@ TEST_CASE("a split page that is cut off, too long or changed is refused or gives
 }
 
 TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
-  const ClusteredChunk chunk = encode(grid(12, 3000, 200));
+  const ClusteredChunk chunk = encode(grid_list(12, 3000, 200));
   const Bytes page = chunk.payload;
   const Bytes split = check_split(page, {{0, chunk.record.cluster_count}}).bytes;
   const auto with = [&](size_t at, uint8_t value) {

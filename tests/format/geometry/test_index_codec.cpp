@@ -5,8 +5,6 @@
 #include <random>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/index_range.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
@@ -63,9 +61,8 @@ TEST_CASE("indices survive every width and length around a group", "[index_codec
       const IndexRange range{min, bits};
       if (!decodes_to(indices, range, encode(indices, range))) FAIL(bits << " bits, " << count << " indices");
       const IndexRange tight = scree::tests::index_range(indices);
-      if (tight.bits > bits || !decodes_to(indices, tight, encode(indices, tight))) {
+      if (tight.bits > bits || !decodes_to(indices, tight, encode(indices, tight)))
         FAIL(bits << " bits, " << count << " indices, tight");
-      }
     }
   }
 }
@@ -183,18 +180,16 @@ TEST_CASE("random bytes never take an index decoder past its limits", "[index_co
     const uint32_t vertex_count = static_cast<uint32_t>(random()) >> (random() % 32);
     const uint64_t right = range.bits <= 32 ? packed_bytes(count, range.bits) : 16;
     GuardedBytes guarded(right + (random() % 8 == 0 ? random() % 3 : 0));
-    for (uint64_t i = 0; i < std::min<uint64_t>(count * range.bits / 8, guarded.bytes().size()); ++i) {
+    for (uint64_t i = 0; i < std::min<uint64_t>(count * range.bits / 8, guarded.bytes().size()); ++i)
       guarded.bytes()[i] = static_cast<std::byte>(random());
-    }
     std::vector<uint32_t> out(count);
     const auto decoded = decode_indices(out, vertex_count, range, guarded.bytes());
     const auto checked = check_indices(count, vertex_count, range, guarded.bytes());
     if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (decoded) {
       ++accepted;
-      for (const uint32_t index : out) {
+      for (const uint32_t index : out)
         if (index >= vertex_count) FAIL("index " << index << " of " << vertex_count << " vertices");
-      }
     }
   }
   CHECK(accepted > 100);

@@ -10,8 +10,6 @@
 #include <vector>
 
 #include "format/geometry/packed_values.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"
@@ -37,9 +35,8 @@ bool round_trips(const std::vector<uint32_t>& offsets, const MeshLattice& lattic
   const std::span<float> out(reinterpret_cast<float*>(guarded.bytes().data()), offsets.size());
   if (!decode_positions(out, lattice, range, bytes)) return false;
   if (!check_positions(offsets.size() / 3, lattice, range, bytes)) return false;
-  for (size_t i = 0; i < offsets.size(); ++i) {
+  for (size_t i = 0; i < offsets.size(); ++i)
     if (out[i] != dequantize(lattice.min[i % 3] + offsets[i], lattice.exponent)) return false;
-  }
   return true;
 }
 
@@ -127,14 +124,12 @@ TEST_CASE("positions survive every width and length", "[position_codec]") {
       for (size_t axis = 0; axis < 3; ++axis) {
         const uint32_t mask = (1u << bits[axis]) - 1;
         range.min[axis] = bits[axis] == 24 ? 0 : static_cast<uint32_t>(random()) % (0x1000000u - mask);
-        for (size_t i = axis; i < offsets.size(); i += 3) {
+        for (size_t i = axis; i < offsets.size(); i += 3)
           offsets[i] = range.min[axis] + (i / 3 == 1 ? mask : static_cast<uint32_t>(random()) & mask);
-        }
       }
       const MeshLattice lattice = lattice_with_bits(24, 24, 24);
-      if (!round_trips(offsets, lattice, range) || !round_trips(offsets, lattice, position_range(offsets))) {
+      if (!round_trips(offsets, lattice, range) || !round_trips(offsets, lattice, position_range(offsets)))
         FAIL(int{bits[0]} << ", " << int{bits[1]} << ", " << int{bits[2]} << " bits, " << count << " vertices");
-      }
     }
   }
 }
@@ -304,8 +299,7 @@ TEST_CASE("a position stream of more than 2^32 bits is measured in 64 bits", "[p
 
 TEST_CASE("quantised positions keep the stated error at every scale", "[position_codec]") {
   std::mt19937 random(4);
-  int exact = 0;
-  int refused = 0;
+  int exact = 0, refused = 0;
   for (int round = 0; round < 6000; ++round) {
     const size_t count = 1 + random() % 12;
     const int scale = static_cast<int>(random() % 262) - 149;
@@ -325,17 +319,17 @@ TEST_CASE("quantised positions keep the stated error at every scale", "[position
       }
     }
     const uint32_t bits = 1 + static_cast<uint32_t>(random() % 24);
-    const double asked = random() % 2 ? 0
-                                      : std::ldexp(1.0 + static_cast<double>(random() % 100) / 100,
-                                                   scale - static_cast<int>(random() % 20));
-    const auto lattice = choose_lattice(lo, hi, bits, asked);
+    const double wanted = random() % 2 ? 0
+                                       : std::ldexp(1.0 + static_cast<double>(random() % 100) / 100,
+                                                    scale - static_cast<int>(random() % 20));
+    const auto lattice = choose_lattice(lo, hi, bits, wanted);
     if (!lattice) {
       if (lattice.error().code != scree::ErrorCode::kRange) FAIL(lattice.error().message);
       ++refused;
       continue;
     }
-    if (asked > 0 && lattice->max_error > asked) FAIL("states " << lattice->max_error << ", requested " << asked);
-    if (asked == 0 && *std::max_element(lattice->bits.begin(), lattice->bits.end()) > bits)
+    if (wanted > 0 && lattice->max_error > wanted) FAIL("states " << lattice->max_error << ", requested " << wanted);
+    if (wanted == 0 && *std::max_element(lattice->bits.begin(), lattice->bits.end()) > bits)
       FAIL("more than " << bits << " bits");
     exact += lattice->max_error == 0;
     std::vector<uint32_t> offsets(positions.size());
@@ -364,13 +358,13 @@ TEST_CASE("a requested error gets the coarsest step that keeps it", "[position_c
         std::ldexp(1.0f + static_cast<float>(random() % 1000) / 1000, static_cast<int>(random() % 60) - 30);
     const float lo[3] = {-size, 0, -size / 3};
     const float hi[3] = {size, size / 2, size / 7};
-    const double asked = static_cast<double>(size) * std::ldexp(1.0 + static_cast<double>(random() % 1000) / 1000,
-                                                                -static_cast<int>(random() % 22) - 1);
+    const double wanted = static_cast<double>(size) * std::ldexp(1.0 + static_cast<double>(random() % 1000) / 1000,
+                                                                 -static_cast<int>(random() % 22) - 1);
     const double half_ulp = 0.5 * float_ulp(size);
-    const auto lattice = must(choose_lattice(lo, hi, 16, asked));
+    const auto lattice = must(choose_lattice(lo, hi, 16, wanted));
     const double half_step = 0.5 * exp2i(lattice.exponent);
-    if (half_step + half_ulp > asked) FAIL("half of 2^" << lattice.exponent << " is more than " << asked);
-    if (2 * half_step + half_ulp <= asked) FAIL("twice 2^" << lattice.exponent << " would keep " << asked << " too");
+    if (half_step + half_ulp > wanted) FAIL("half of 2^" << lattice.exponent << " is more than " << wanted);
+    if (2 * half_step + half_ulp <= wanted) FAIL("twice 2^" << lattice.exponent << " would keep " << wanted << " too");
     if (lattice.max_error != half_step + half_ulp) FAIL("states " << lattice.max_error);
   }
 }
@@ -378,11 +372,11 @@ TEST_CASE("a requested error gets the coarsest step that keeps it", "[position_c
 TEST_CASE("with an error above the size of a mesh, the lattice is one point", "[position_codec]") {
   const float lo[3] = {-1, 0, 2};
   const float hi[3] = {1, 0.5f, 3};
-  for (const double asked : {1e9, 1e38, 1e300, std::numeric_limits<double>::infinity()}) {
-    const auto lattice = must(choose_lattice(lo, hi, 16, asked));
+  for (const double wanted : {1e9, 1e38, 1e300, std::numeric_limits<double>::infinity()}) {
+    const auto lattice = must(choose_lattice(lo, hi, 16, wanted));
     CHECK(lattice.bits == std::array<uint8_t, 3>{0, 0, 0});
     CHECK(lattice.exponent <= kMaxLatticeExponent);
-    CHECK(lattice.max_error <= asked);
+    CHECK(lattice.max_error <= wanted);
   }
 }
 
@@ -404,18 +398,16 @@ TEST_CASE("random bytes and ranges never take a position decoder past its limits
     if (round % 16 == 0) range = {{0, 0, 0}, {32, 32, 32}};
     const uint64_t data_bits = count * (range.is_float32() ? 96 : range.stride_bits());
     GuardedBytes guarded(position_stream_bytes(count, range) + (random() % 8 == 0 ? random() % 3 : 0));
-    for (uint64_t bit = 0; bit < std::min<uint64_t>(data_bits, 8 * guarded.bytes().size()); ++bit) {
+    for (uint64_t bit = 0; bit < std::min<uint64_t>(data_bits, 8 * guarded.bytes().size()); ++bit)
       if (random() % 2) guarded.bytes()[bit / 8] |= std::byte{1} << (bit % 8);
-    }
     std::vector<float> out(3 * count);
     const auto decoded = decode_positions(out, lattice, range, guarded.bytes());
     const auto checked = check_positions(count, lattice, range, guarded.bytes());
     if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (!decoded) continue;
     ++accepted;
-    for (const float value : out) {
+    for (const float value : out)
       if (!std::isfinite(value)) FAIL("a position that is not finite");
-    }
   }
   CHECK(accepted > 1000);
 }
@@ -458,9 +450,8 @@ TEST_CASE("the maximum of a box has the last code", "[position_codec]") {
     for (size_t axis = 0; axis < 3; ++axis) {
       const int64_t last = quantize(hi[axis], lattice.exponent) - lattice.min[axis];
       const uint32_t bits = lattice.bits[axis];
-      if (bits > 16 || last >= int64_t{1} << bits || (bits > 0 && last < int64_t{1} << (bits - 1))) {
+      if (bits > 16 || last >= int64_t{1} << bits || (bits > 0 && last < int64_t{1} << (bits - 1)))
         FAIL("last code " << last << " in " << bits << " bits");
-      }
     }
   }
 }
@@ -479,12 +470,10 @@ TEST_CASE("neighbouring meshes of similar size have equal border points", "[posi
     const auto left = must(choose_lattice(left_lo, left_hi, 16, 0));
     const auto right = must(choose_lattice(right_lo, right_hi, 16, 0));
     REQUIRE(left.exponent == right.exponent);
-    std::array<uint32_t, 3> on_left;
-    std::array<uint32_t, 3> on_right;
+    std::array<uint32_t, 3> on_left, on_right;
     quantize_positions(on_left, point, left);
     quantize_positions(on_right, point, right);
-    for (size_t axis = 0; axis < 3; ++axis) {
+    for (size_t axis = 0; axis < 3; ++axis)
       if (left.min[axis] + on_left[axis] != right.min[axis] + on_right[axis]) FAIL("a crack at " << point[axis]);
-    }
   }
 }

@@ -29,9 +29,8 @@ long double nearest_step(float value, int32_t exponent) {
 }  // namespace
 
 TEST_CASE("exp2i is the power of two over the whole range of doubles", "[quantize]") {
-  for (int32_t exponent = -1022; exponent <= 1023; ++exponent) {
+  for (int32_t exponent = -1022; exponent <= 1023; ++exponent)
     if (exp2i(exponent) != std::ldexp(1.0, exponent)) FAIL(exponent);
-  }
   CHECK(exp2i(kMinLatticeExponent) == static_cast<double>(std::numeric_limits<float>::denorm_min()));
 }
 
@@ -119,9 +118,7 @@ TEST_CASE("lattice_axis takes the bits of the true integers", "[quantize]") {
 
 TEST_CASE("finest_exponent is the smallest that fits, and not below the floats' own", "[quantize]") {
   std::mt19937 random(5);
-  int at_floats = 0;
-  int at_limit = 0;
-  int at_bits = 0;
+  int at_floats = 0, at_limit = 0, at_bits = 0;
   for (int i = 0; i < 40000; ++i) {
     const uint32_t bits = 1 + static_cast<uint32_t>(random() % 24);
     std::vector<Interval> axes(1 + random() % 3);

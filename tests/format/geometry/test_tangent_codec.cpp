@@ -1,7 +1,6 @@
 #include "format/geometry/tangent_codec.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -11,8 +10,6 @@
 #include "format/geometry/attribute_codec.h"
 #include "format/layout.h"
 #include "format/vec3.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"

@@ -12,9 +12,8 @@ template <class Sink>
 bool decode_jpeg_mcu(const JpegView& view, uint32_t mcu, Sink&& sink) {
   if (mcu >= view.mcu_count) return false;
   JpegCursor cursor = jpeg_anchor(view, mcu / view.group_mcus);
-  while (cursor.mcu < mcu) {
+  while (cursor.mcu < mcu)
     if (!decode_jpeg_mcu_at(view, cursor, [](uint32_t, uint32_t, int32_t) {})) return false;
-  }
   return decode_jpeg_mcu_at(view, cursor, sink);
 }
 

@@ -5,14 +5,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "format/jpeg/index.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/format/jpeg/decode_mcu.h"
 #include "tests/format/jpeg/jpeg_maker.h"

@@ -12,15 +12,11 @@ namespace scree::tests {
 
 struct JpegRecipe {
   std::string name;
-  int width = 0;
-  int height = 0;
+  int width = 0, height = 0;
   std::vector<std::pair<int, int>> factors;  // by component: 1 grey, 3 YCbCr or RGB, 4 CMYK
   int quality = 85;
   int restart = 0;  // in MCUs
-  bool is_rgb = false;
-  bool is_optimised = false;
-  bool is_progressive = false;
-  bool is_arithmetic = false;
+  bool is_rgb = false, is_optimised = false, is_progressive = false, is_arithmetic = false;
   bool has_scan_each = false;     // every component has its own scan
   bool has_wide_quant = false;    // 16-bit quantisation tables
   bool has_three_tables = false;  // every component has its own quantisation and Huffman tables
@@ -35,8 +31,7 @@ std::vector<JpegRecipe> indexable_recipes();
 
 /// Blocks of 64 quantised coefficients in row-major order, rows of blocks top to bottom.
 struct JpegPlane {
-  uint32_t blocks_across = 0;
-  uint32_t blocks_down = 0;
+  uint32_t blocks_across = 0, blocks_down = 0;
   std::vector<int16_t> values;
 };
 
@@ -49,8 +44,7 @@ std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> 
 
 /// Samples of a component, rows top to bottom.
 struct JpegSamples {
-  uint32_t width = 0;
-  uint32_t height = 0;
+  uint32_t width = 0, height = 0;
   std::vector<uint8_t> values;
 };
 

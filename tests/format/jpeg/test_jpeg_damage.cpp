@@ -4,10 +4,7 @@
 
 #include "format/jpeg/index.h"
 #include "format/jpeg/picture.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/sanitized.h"
@@ -81,9 +78,7 @@ TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
   const size_t first = find_marker(file, 0xd0);
   Bytes swapped = file;
   swapped[first + 1] = std::byte{0xd3};
-  auto encoded = encode(swapped);
-  REQUIRE_FALSE(encoded);
-  CHECK(encoded.error().message ==
+  CHECK(refusal(encode(swapped)).message ==
         "JPEG: byte " + std::to_string(first) + ": MCU 4 of 16: marker 211, expected restart marker 208");
   // Two extra bytes before a marker are dropped, and so are fill bytes.
   Bytes longer = file;
@@ -100,10 +95,7 @@ TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
     ones[header->data_offset + 20 + i] = std::byte{0xff};
     ones[header->data_offset + 21 + i] = std::byte{0};
   }
-  encoded = encode(ones);
-  REQUIRE_FALSE(encoded);
-  CHECK(encoded.error().code == ErrorCode::kFormat);
-  CHECK(encoded.error().message.find("no Huffman code") != std::string::npos);
+  check_refusal(encode(ones), ErrorCode::kFormat, "no Huffman code");
   // A header whose size exceeds the file takes no memory.
   Bytes huge = plain;
   for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
@@ -124,8 +116,7 @@ TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpe
       CHECK(bytes.error().message.find('\n') == std::string::npos);
       continue;
     }
-    const auto index = must(open_jpeg_index(*bytes));
-    CHECK(rebuild(index));
+    CHECK(rebuild(must(open_jpeg_index(*bytes))));
   }
   CHECK(refused > 50);
 }
@@ -134,8 +125,7 @@ TEST_CASE("an indexed JPEG stays inside its bytes", "[jpeg_index]") {
   const auto bytes = must(encode(make_jpeg(recipe_of(150, 70, {{2, 1}, {1, 1}, {1, 1}}, 7))));
   {
     GuardedBytes guarded(bytes);
-    const auto index = must(open_jpeg_index(guarded.bytes()));
-    CHECK(rebuild(index));
+    CHECK(rebuild(must(open_jpeg_index(guarded.bytes()))));
     decode_all(guarded.bytes());
   }
   for (size_t size = 0; size < bytes.size(); ++size) {
@@ -149,8 +139,7 @@ TEST_CASE("an indexed JPEG stays inside its bytes", "[jpeg_index]") {
   for (size_t shift = 1; shift < 4; ++shift) {
     Bytes moved(bytes.size() + shift);
     std::copy(bytes.begin(), bytes.end(), moved.begin() + static_cast<ptrdiff_t>(shift));
-    const auto index = must(open_jpeg_index(std::span(moved).subspan(shift)));
-    CHECK(rebuild(index));
+    CHECK(rebuild(must(open_jpeg_index(std::span(moved).subspan(shift)))));
   }
 }
 
@@ -218,8 +207,7 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
     const auto encoded = encode(guarded.bytes());
     if (!encoded) continue;
     ++encoded_count;
-    const auto index = must(open_jpeg_index(*encoded));
-    must(rebuild(index));
+    must(rebuild(must(open_jpeg_index(*encoded))));
   }
   CHECK(encoded_count > 300);
   std::vector<Bytes> indexed;

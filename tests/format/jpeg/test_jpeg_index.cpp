@@ -7,11 +7,8 @@
 
 #include <jpeglib.h>
 
-#include "tests/catch.h"
 #include "tests/format/geometry/spec_vectors.h"
-#include "tests/format/jpeg/decode_mcu.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/results.h"
 
@@ -28,8 +25,7 @@ void check_coefficients(const JpegIndex& index, std::span<const std::byte> file)
   std::vector<uint32_t> order(view.mcu_count);
   std::iota(order.begin(), order.end(), 0u);
   std::shuffle(order.begin(), order.end(), std::mt19937(1));
-  uint64_t compared = 0;
-  uint64_t wrong = 0;
+  uint64_t compared = 0, wrong = 0;
   for (const uint32_t mcu : order) {
     Blocks blocks;
     if (!decode_mcu(view, mcu, blocks)) FAIL("MCU " << mcu << " does not decode");
@@ -76,8 +72,7 @@ void check_round_trip(std::span<const std::byte> file) {
   CHECK(scree::tests::read_quant_tables(back) == tables);
   CHECK(scree::tests::read_colour_space(back) == colour);
   // The rebuilt file is indexed to the same bytes again.
-  const auto again = must(encode(back));
-  CHECK(again == bytes);
+  CHECK(must(encode(back)) == bytes);
 }
 
 }  // namespace
@@ -90,8 +85,7 @@ TEST_CASE("indexed JPEGs of the spec", "[jpeg_index][spec]") {
     CHECK(outcome(index) == (vector.has("error") ? vector.text("error") : "ok"));
     if (!vector.has("jpeg")) continue;
     const Bytes file = vector.bytes("jpeg");
-    const auto encoded = must(encode(file));
-    CHECK(encoded == bytes);
+    CHECK(must(encode(file)) == bytes);
     REQUIRE(index);
     const auto listed = vector.integers<int>("nonzero");
     std::map<std::array<int, 3>, int> expected;
@@ -139,8 +133,7 @@ TEST_CASE("the index takes at most a quarter of a bit per pixel", "[jpeg_index]"
       JpegRecipe recipe = recipe_of(512, 512, factors);
       recipe.quality = quality;
       const auto bytes = must(encode(make_jpeg(recipe)));
-      const auto index = must(open_jpeg_index(bytes));
-      CHECK(static_cast<double>(8 * index.index_bytes()) / (512.0 * 512.0) <= 0.25);
+      CHECK(static_cast<double>(8 * must(open_jpeg_index(bytes)).index_bytes()) / (512.0 * 512.0) <= 0.25);
     }
   }
 }
@@ -223,9 +216,7 @@ TEST_CASE("a file without Huffman tables gets the standard ones", "[jpeg_index]"
     bare.erase(bare.begin() + static_cast<ptrdiff_t>(at), bare.begin() + static_cast<ptrdiff_t>(at + 2 + length));
   }
   REQUIRE(bare.size() == file.size() - 4 * 4 - 2 * (17 + 12) - 2 * (17 + 162));
-  const auto with = encode(file);
-  const auto without = must(encode(bare));
-  CHECK(without == *with);
+  CHECK(must(encode(bare)) == *encode(file));
 }
 
 TEST_CASE("impossible Huffman tables are refused", "[jpeg_index]") {
@@ -268,9 +259,7 @@ TEST_CASE("Huffman tables decode every code in every window", "[jpeg_index]") {
     // Decodes bit by bit as in T.81, F.2.2.3.
     uint64_t wrong = 0;
     for (uint32_t window = 0; window < 65536; ++window) {
-      uint32_t code = 0;
-      uint32_t next = 0;
-      uint32_t index = 0;
+      uint32_t code = 0, next = 0, index = 0;
       JpegCode expected{0, 0};
       for (uint32_t length = 1; length <= 16 && expected.length == 0; ++length) {
         code = window >> (16 - length);

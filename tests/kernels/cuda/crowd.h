@@ -23,8 +23,7 @@ inline void build_crowd(SceneBuilder& builder) {
     const double y = 2.0 * (i / kCrowdSide) / kCrowdSide - 1;
     const double z = -0.2 * (i % 4);
     const double size = i % 64 == 0 ? 0.012 : 0.006;
-    const double c = size * std::cos(0.7 * i);
-    const double s = size * std::sin(0.7 * i);
+    const double c = size * std::cos(0.7 * i), s = size * std::sin(0.7 * i);
     const double flip = i % 5 == 0 ? -1 : 1;
     builder.instance(i % 64 == 0 ? ball : leaf, builder.matrix({c, -s, 0, x, s, c, 0, y, 0, 0, flip * size, z}));
   }

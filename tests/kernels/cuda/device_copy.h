@@ -12,7 +12,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "tests/kernels/scene_builder.h"
-#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -79,9 +78,8 @@ class DeviceCopy {
                                                   const kernels::DrawOptions& options = {}) const {
     kernels::CudaFrames frames = make_frames(sizes);
     std::vector<std::vector<uint64_t>> pictures;
-    for (const kernels::View& view : views) {
+    for (const kernels::View& view : views)
       pictures.push_back(picture(view, [&](uint64_t* samples) { REQUIRE(frames.draw(view, samples, options)); }));
-    }
     return pictures;
   }
 
@@ -90,10 +88,7 @@ class DeviceCopy {
                             const kernels::DrawOptions& options) const {
     kernels::CudaFrames frames = make_frames(sizes);
     kernels::FrameStats stats{};
-    picture(view, [&](uint64_t* samples) {
-      const kernels::FrameStats drawn = must(frames.draw(view, samples, options));
-      stats = drawn;
-    });
+    picture(view, [&](uint64_t* samples) { stats = must(frames.draw(view, samples, options)); });
     return stats;
   }
 
@@ -159,8 +154,7 @@ class DeviceCopy {
     buffers_.push_back(std::move(buffer));
   }
 
-  kernels::SceneView host_;
-  kernels::SceneView view_;
+  kernels::SceneView host_, view_;
   std::vector<const std::byte*> pages_;  // on the device
   std::deque<std::vector<kernels::MaskView>> masks_;
   std::vector<kernels::DeviceBuffer> buffers_;

@@ -7,12 +7,10 @@
 
 #include "kernels/cuda/blend.h"
 #include "kernels/cuda/resolve.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/blend_cases.h"
-#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -85,10 +83,8 @@ class GpuLayers {
     return read(over, 4 * count);
   }
 
-  kernels::SceneView device_;
-  kernels::SceneView blended_;
-  std::optional<kernels::CudaFrames> opaque_;
-  std::optional<kernels::CudaFrames> layers_;
+  kernels::SceneView device_, blended_;
+  std::optional<kernels::CudaFrames> opaque_, layers_;
   kernels::CudaResolver resolver_;
   kernels::CudaBlend blend_;
 };

@@ -2,7 +2,6 @@
 // stage, in alternating frames with and without a box, with queues that are large enough and queues that have to grow.
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/raster/clip_cases.h"
@@ -28,8 +27,7 @@ void add_opaque_meshes(SceneBuilder& builder, bool clustered_alone) {
 }  // namespace
 
 TEST_CASE("clipping boxes cut on the GPU as on the CPU", "[cuda][clip]") {
-  const bool is_masked = GENERATE(false, true);
-  const bool is_clustered = GENERATE(false, true);
+  const bool is_masked = GENERATE(false, true), is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   if (is_masked) {
     add_masked_meshes(builder, is_clustered);
@@ -71,8 +69,7 @@ TEST_CASE("triangles outside a clipping box are culled on the GPU", "[cuda][clip
       const auto stats = [&](const View& view) { return device.stats(view, sizes, {}); };
       const kernels::FrameStats all = stats(whole);
       CHECK(all.instances_drawn == 8);
-      const kernels::FrameStats one = stats(clipping(whole, {{1.9, -1.1, -1.1}, {4.1, 1.1, 1.1}}));
-      CHECK(one.instances_drawn == 1);
+      CHECK(stats(clipping(whole, {{1.9, -1.1, -1.1}, {4.1, 1.1, 1.1}})).instances_drawn == 1);
       const kernels::FrameStats slab = stats(clipping(whole, {{-9, 0.2, -9}, {99, 0.25, 9}}));
       CHECK(slab.instances_drawn == 4);
       CHECK(slab.clusters_drawn > 0);

@@ -2,7 +2,6 @@
 // over a series of frames, with queues that are large enough and queues that have to grow.
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/raster/mask_cases.h"

@@ -1,7 +1,6 @@
 // The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of 0 bits. The
 // visibility buffers must be equal bit for bit, with queues that are large enough and queues that have to grow.
 #include <algorithm>
-#include <cstdint>
 #include <map>
 #include <random>
 #include <string>
@@ -9,15 +8,12 @@
 #include <vector>
 
 #include "kernels/cuda/draw_tables.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/crowd.h"
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/hard_cases.h"
 #include "tests/kernels/raster/mask_cases.h"
-#include "tests/kernels/scene_builder.h"
-#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -122,16 +118,14 @@ TEST_CASE("rows drawn alone equal those of the whole picture on the GPU", "[cuda
         const View& view = views[i];
         const std::vector<uint64_t> expected = draw(scene, view, 2);
         for (int turn = 0; turn < 3; ++turn) {
-          kernels::DrawOptions options;
-          options.stage_times = turn == 2;
+          kernels::DrawOptions options{.stage_times = turn == 2};
           options.rows.first = static_cast<uint32_t>(random() % view.height);
           options.rows.end =
               options.rows.first + 1 + static_cast<uint32_t>(random() % (view.height - options.rows.first));
           CAPTURE(kind, i, options.rows.first, options.rows.end);
           const auto draw_rows = [&](uint64_t* samples) {
             kernels::FrameTimes times{};
-            const auto part = must(frames.draw(view, samples, options, &times));
-            drawn += part.triangles;
+            drawn += must(frames.draw(view, samples, options, &times)).triangles;
             CHECK(times.raster_ms > 0);
             CHECK(times.has_stages == options.stage_times);
             if (!times.has_stages) CHECK(times.cull_ms + times.small_ms + times.second_ms == 0);

@@ -12,7 +12,6 @@
 #include "kernels/cuda/join.h"
 #include "runtime/scene/pages.h"
 #include "runtime/stream/join_plan.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/cluster_lists.h"
 #include "tests/gpu.h"
 #include "tests/results.h"
@@ -127,11 +126,11 @@ Page mixed_page() {
   std::mt19937 random(5);
   Page page;
   page.add_plain(48);
-  page.add(with_colors(grid(9, 300, 20), 7));
+  page.add(with_colors(grid_list(9, 300, 20), 7));
   page.add(encode(soup(random, 100, 60, 10)));
-  page.add(with_colors(grid(13, 40, 11), 1 << 20));
+  page.add(with_colors(grid_list(13, 40, 11), 1 << 20));
   page.add_plain(100'000);
-  page.add(encode(grid(3, 1, 1)));
+  page.add(encode(grid_list(3, 1, 1)));
   page.add_plain(13);
   return page;
 }
@@ -140,10 +139,10 @@ Page mixed_page() {
 
 TEST_CASE("a GPU joins split pages byte for byte", "[cuda][cluster_page]") {
   if (!has_gpu()) return;
-  check_page(page_of(grid(1, 1, 0)));
-  check_page(page_of(grid(8, 100, 3)));
-  check_page(page_of(grid(kEmulatesGpu ? 40 : 200, 83800, 80000)));  // 24 bits
-  check_page(page_of(grid(kEmulatesGpu ? 68 : 300, 377, 50)));       // more than two groups of clusters
+  check_page(page_of(grid_list(1, 1, 0)));
+  check_page(page_of(grid_list(8, 100, 3)));
+  check_page(page_of(grid_list(kEmulatesGpu ? 40 : 200, 83800, 80000)));  // 24 bits
+  check_page(page_of(grid_list(kEmulatesGpu ? 68 : 300, 377, 50)));       // more than two groups of clusters
   std::mt19937 random(7);
   for (const uint32_t bits : {0u, 1u, 8u, 15u, 16u, 24u})
     for (const uint32_t vertices : {4u, 40u, 900u}) check_page(page_of(soup(random, 700, vertices, bits)));
@@ -153,10 +152,9 @@ TEST_CASE("a GPU joins split pages byte for byte", "[cuda][cluster_page]") {
 TEST_CASE("a GPU refuses the split pages that a CPU refuses", "[cuda][cluster_page]") {
   if (!has_gpu()) return;
   std::mt19937 random(11);
-  std::vector<Page> pages = {page_of(grid(12, 3000, 200)), page_of(grid(17, 11, 3)), mixed_page()};
+  std::vector<Page> pages = {page_of(grid_list(12, 3000, 200)), page_of(grid_list(17, 11, 3)), mixed_page()};
   for (const uint32_t vertices : {4u, 40u, 300u}) pages.push_back(page_of(soup(random, 400, vertices, 13)));
-  size_t accepted = 0;
-  size_t refused = 0;
+  size_t accepted = 0, refused = 0;
   for (size_t i = 0; i < pages.size(); ++i) {
     const Page& page = pages[i];
     const Bytes split = page.split();

@@ -7,7 +7,6 @@
 #include "runtime/images/image.h"
 #include "runtime/images/jpeg_head.h"
 #include "runtime/images/jpeg_writer.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/results.h"
 
@@ -17,8 +16,7 @@ namespace runtime = scree::runtime;
 namespace {
 
 struct Pixels {
-  uint32_t width;
-  uint32_t height;
+  uint32_t width, height;
   std::vector<uint32_t> rgba;
 };
 
@@ -55,9 +53,7 @@ std::vector<std::byte> encode_on_gpu(kernels::CudaJpegCoder& coder, const Pixels
 }
 
 std::vector<std::byte> encode_by_libjpeg(const Pixels& picture, int quality, bool is_sharp) {
-  runtime::JpegCoding coding;
-  coding.width = picture.width;
-  coding.height = picture.height;
+  runtime::JpegCoding coding{.width = picture.width, .height = picture.height};
   coding.components[0].h = coding.components[0].v = is_sharp ? 1 : 2;
   coding.quality = quality;
   coding.has_own_tables = false;

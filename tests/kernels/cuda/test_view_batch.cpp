@@ -4,12 +4,10 @@
 #include <vector>
 
 #include "kernels/cuda/view_batch.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/mask_cases.h"
-#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;

@@ -7,7 +7,6 @@
 #include <random>
 
 #include "tests/kernels/drawn_chunks.h"
-#include "tests/kernels/scene_builder.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -16,14 +15,10 @@ using namespace scree::tests;
 namespace {
 
 struct Tally {
-  uint64_t clusters = 0;
-  uint64_t linear = 0;
+  uint64_t clusters = 0, linear = 0;
   uint64_t predicted = 0;  // of the clusters with a map
   uint64_t triangles = 0;  // of these clusters
-  uint64_t covering = 0;
-  uint64_t kept = 0;
-  uint64_t kept_by_filter = 0;
-  uint64_t wrong = 0;
+  uint64_t covering = 0, kept = 0, kept_by_filter = 0, wrong = 0;
 };
 
 /// A vertex's place on the screen, as the kernel computes it. `words`: the first one contains the vertices' first bit.
@@ -49,8 +44,7 @@ AffineProjection make_affine_projection(const CoverageFilter& filter, const form
   const AffineAxis u = make_affine_axis(middle, filter.w, filter.u);
   const AffineAxis v = make_affine_axis(middle, filter.w, filter.v);
   const uint32_t fraction_bits = affine_fraction_bits(fast_max(u.half, v.half));
-  uint32_t twice_slack_u;
-  uint32_t twice_slack_v;
+  uint32_t twice_slack_u, twice_slack_v;
   if (fraction_bits == 0 ||
       !finish_affine_axis(middle, u, filter.w, filter.u, codes, fraction_bits, out.u, twice_slack_u) ||
       !finish_affine_axis(middle, v, filter.w, filter.v, codes, fraction_bits, out.v, twice_slack_v))

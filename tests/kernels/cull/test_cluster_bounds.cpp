@@ -11,7 +11,6 @@
 #include "kernels/cull/depth_pyramid.h"
 #include "kernels/raster/clip.h"
 #include "tests/kernels/drawn_chunks.h"
-#include "tests/kernels/scene_builder.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -20,8 +19,7 @@ using namespace scree::tests;
 namespace {
 
 format::ClusterBounds bounds_of_codes(const std::vector<std::array<uint32_t, 3>>& codes) {
-  std::array<uint32_t, 3> low = codes[0];
-  std::array<uint32_t, 3> high = codes[0];
+  std::array<uint32_t, 3> low = codes[0], high = codes[0];
   uint32_t widest = 0;
   for (size_t axis = 0; axis < 3; ++axis) {
     for (const auto& code : codes) {
@@ -37,11 +35,9 @@ format::ClusterBounds bounds_of_codes(const std::vector<std::array<uint32_t, 3>>
 }
 
 struct BoxTally {
-  uint64_t boxes = 0;
-  uint64_t culled = 0;
+  uint64_t boxes = 0, culled = 0;
   uint64_t empty = 0;  // boxes whose triangles cover no pixel centre
-  uint64_t clipped = 0;
-  uint64_t wrong = 0;
+  uint64_t clipped = 0, wrong = 0;
   uint64_t area = 0;        // pixels of the bounds of boxes in front of the camera
   uint64_t least_area = 0;  // pixels of the smallest box around the triangles' own boxes
 };
@@ -173,9 +169,7 @@ TEST_CASE("bounds of clusters contain every pixel and depth code of their triang
 
 TEST_CASE("a box is hidden only if it is behind every sample that it touches", "[cluster_bounds]") {
   std::mt19937 random(2);
-  uint64_t hidden = 0;
-  uint64_t behind = 0;
-  uint64_t wrong = 0;
+  uint64_t hidden = 0, behind = 0, wrong = 0;
   for (const auto& [width, height] : {std::pair{1, 1}, {2, 3}, {64, 64}, {65, 130}, {257, 63}, {1000, 7}}) {
     std::vector<uint64_t> samples(static_cast<size_t>(width) * static_cast<size_t>(height));
     for (int32_t y = 0; y < height; ++y) {
@@ -191,8 +185,7 @@ TEST_CASE("a box is hidden only if it is behind every sample that it touches", "
     pyramid.codes = codes.data();
     build_pyramid(pyramid, samples.data());
     for (int i = 0; i < 4000; ++i) {
-      PixelBox box;
-      box.x0 = static_cast<int32_t>(random() % static_cast<uint32_t>(width));
+      PixelBox box{.x0 = static_cast<int32_t>(random() % static_cast<uint32_t>(width))};
       box.y0 = static_cast<int32_t>(random() % static_cast<uint32_t>(height));
       const int32_t reach = 1 << random() % 6;
       box.x1 = std::min(width - 1, box.x0 + static_cast<int32_t>(random() % static_cast<uint32_t>(reach)));

@@ -129,9 +129,8 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
       if (sample == kBackground) continue;
       const Hit hit = find_triangle(scene, sample_id(sample));
       const Hit same = find_triangle(other, sample_id(sample));
-      if (hit.instance != same.instance || hit.chunk != same.chunk || hit.triangle != same.triangle) {
+      if (hit.instance != same.instance || hit.chunk != same.chunk || hit.triangle != same.triangle)
         FAIL("triangle " << sample_id(sample));
-      }
     }
   }
 }

@@ -5,7 +5,6 @@
 
 #include "kernels/raster/clip.h"
 #include "tests/kernels/drawn_chunks.h"
-#include "tests/kernels/scene_builder.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -65,9 +64,8 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
       float stored[3];
       uint32_t codes[3] = {};
       if (!reader.float32) reader.code(v[i], codes);
-      for (int k = 0; k < 3; ++k) {
+      for (int k = 0; k < 3; ++k)
         stored[k] = reader.float32 ? reader.float_position(v[i], k) : static_cast<float>(codes[k]);
-      }
       filtered[i] = filter_vertex<kOrthographic>(filter, stored[0], stored[1], stored[2]);
     }
     const bool clipped = (any & kNeedsClip) != 0 && (all & kOutsideMask) == 0;
@@ -125,8 +123,7 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
 
 TEST_CASE("most triangles of a dense mesh are filtered out", "[sample_filter]") {
   for (const bool float32 : {false, true}) {
-    SceneBuilder scene;
-    scene.instance(scene.mesh(grid(300, 0.05), {float32, -16}), scene.identity());
+    SceneBuilder scene(grid(300, 0.05), {float32, -16});
     // 180,000 triangles on about 30,000 pixels: legs of half a pixel.
     const FilterTally seen = tally(scene.view(), look_at({0.4, 2.5, 1.5}, {0, 0, 0}, 200, 160));
     CHECK(seen.wrong == 0);
@@ -138,8 +135,7 @@ TEST_CASE("most triangles of a dense mesh are filtered out", "[sample_filter]") 
 
 TEST_CASE("most triangles that are smaller than a pixel are filtered out at the near plane too", "[sample_filter]") {
   for (const bool float32 : {false, true}) {
-    SceneBuilder scene;
-    scene.instance(scene.mesh(rough_field(300, 0.01), {float32, -16}), scene.identity());
+    SceneBuilder scene(rough_field(300, 0.01), {float32, -16});
     FilterTally sum;
     // From above, with the surface at the near plane. Then from close, with corners at half of the near distance.
     const FilterTally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));

@@ -24,9 +24,8 @@ QueueSizes many_rounds() {
 /// A wall of two triangles at z = 1, up to `half` units from its middle.
 Soup wall(double half) {
   Soup soup;
-  for (const double y : {-half, half}) {
+  for (const double y : {-half, half})
     for (const double x : {-half, half}) soup.add(x, y, 1);
-  }
   soup.triangle(0, 1, 2);
   soup.triangle(2, 1, 3);
   return soup;
@@ -148,9 +147,7 @@ TEST_CASE("culling: triangles behind a wall are not drawn", "[raster][clusters]"
 }
 
 TEST_CASE("culling: clusters of one object hide clusters behind them without a pyramid", "[raster][clusters]") {
-  SceneBuilder builder;
-  const uint32_t ball = builder.mesh(sphere(150, 1), {.clusters = Clusters::kClustered});
-  builder.instance(ball, builder.identity());
+  SceneBuilder builder(sphere(150, 1), {.clusters = Clusters::kClustered});
   const SceneView scene = builder.view();
   const View view = look_at({0, 0, 9}, {0, 0, 0}, 64, 64);
   const Drawn all = draw_counted(scene, view, nothing_left_out());
@@ -213,9 +210,7 @@ TEST_CASE("culling: chunks are ordered from near to far for any near plane", "[r
 TEST_CASE("culling: single precision keeps every box that double precision keeps, and few more", "[raster]") {
   std::mt19937_64 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
-  uint64_t kept = 0;
-  uint64_t kept_rounded = 0;
-  uint64_t in_part = 0;
+  uint64_t kept = 0, kept_rounded = 0, in_part = 0;
   for (int i = 0; i < 200000; ++i) {
     const double distance = std::pow(10.0, 3 * unit(random));
     View camera = look_at({unit(random), unit(random), unit(random)}, {2 * unit(random), unit(random), 0.1},

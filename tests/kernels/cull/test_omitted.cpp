@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/blend_cases.h"
 

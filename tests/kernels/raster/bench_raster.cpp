@@ -5,7 +5,6 @@
 
 #include "kernels/cpu/backend.h"
 #include "tests/kernels/scene_builder.h"
-#include "tests/results.h"
 #include "tests/speed.h"
 
 using namespace scree;
@@ -21,8 +20,7 @@ Soup ground(uint32_t columns, uint32_t rows) {
   const double step = 0.0625;
   for (uint32_t j = 0; j <= rows; ++j) {
     for (uint32_t i = 0; i <= columns; ++i) {
-      const double x = (i - 0.5 * columns) * step;
-      const double y = (j - 0.5 * rows) * step;
+      const double x = (i - 0.5 * columns) * step, y = (j - 0.5 * rows) * step;
       const uint32_t noise = (i * 2654435761u) ^ (j * 2246822519u) ^ ((i + 7 * j) * 3266489917u);
       soup.add(x + 0.01 * ((noise >> 8) % 3),
                3 * std::sin(0.11 * x) * std::cos(0.13 * y) + 0.03 * ((noise >> 13) % 256) / 256, -y);
@@ -64,8 +62,7 @@ TEST_CASE("bench: small triangles", "[.bench]") {
   for (const Place& place : places) {
     for (InstructionSet set : {best_instruction_set(), InstructionSet::kBaseline}) {
       for (uint32_t threads : {1u, std::thread::hardware_concurrency()}) {
-        double best = 1e9;
-        double best_cpu = 1e9;
+        double best = 1e9, best_cpu = 1e9;
         FrameStats stats{};
         for (int run = 0; run < 7; ++run) {
           const double cpu_start = cpu_seconds();
@@ -115,9 +112,8 @@ TEST_CASE("bench: medium and large triangles", "[.bench]") {
     for (int layer = 0; layer < layers; ++layer) {
       const double z = -0.01 * layer;
       const uint32_t first = static_cast<uint32_t>(soup.positions.size() / 3);
-      for (uint32_t j = 0; j <= quads; ++j) {
+      for (uint32_t j = 0; j <= quads; ++j)
         for (uint32_t i = 0; i <= quads; ++i) soup.add(-2 + 4.0 * i / quads, -2 + 4.0 * j / quads, z);
-      }
       for (uint32_t j = 0; j < quads; ++j) {
         for (uint32_t i = 0; i < quads; ++i) {
           const uint32_t a = first + j * (quads + 1) + i;

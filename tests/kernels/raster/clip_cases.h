@@ -12,8 +12,7 @@
 namespace scree::tests {
 
 struct CutBox {
-  std::array<double, 3> min;
-  std::array<double, 3> max;
+  std::array<double, 3> min, max;
 };
 
 inline kernels::View clipping(kernels::View view, const CutBox& box) {

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <random>
 
-#include "tests/results.h"
 #include "tools/compare/reference.h"
 
 namespace scree::tests {
@@ -352,8 +351,7 @@ uint32_t HardCase::mesh(Soup soup, const Encoding& encoding) {
 }
 
 void HardCase::draw_once(Soup soup, const Encoding& encoding) {
-  const uint32_t number = mesh(std::move(soup), encoding);
-  builder.instance(number, builder.identity());
+  builder.instance(mesh(std::move(soup), encoding), builder.identity());
 }
 
 Encoding HardCase::both_sides(Encoding encoding) {
@@ -496,8 +494,7 @@ void check_closed(const std::string& name, const Soup& soup, const View& view, d
     Soup facing = soup;
     if (turned)
       for (size_t i = 0; i < facing.indices.size(); i += 3) std::swap(facing.indices[i + 1], facing.indices[i + 2]);
-    SceneBuilder builder;
-    builder.instance(builder.mesh(facing, {.exponent = -16}), builder.identity());
+    SceneBuilder builder(facing, {.exponent = -16});
     counts[turned] = count_covers(builder, view, draws);
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

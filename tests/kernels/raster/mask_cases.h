@@ -37,8 +37,7 @@ inline kernels::MaskView mask_view(uint32_t width, uint32_t height, uint32_t lev
 /// Adds texture coordinates to a soup: the texture along x and z, rotated a little, `repeats` times as often.
 inline Soup with_uvs(Soup soup, double repeats) {
   for (size_t v = 0; v < soup.positions.size() / 3; ++v) {
-    const double x = soup.positions[3 * v];
-    const double z = soup.positions[3 * v + 2];
+    const double x = soup.positions[3 * v], z = soup.positions[3 * v + 2];
     soup.uvs.push_back(static_cast<float>(repeats * (0.4 * x + 0.1 * z) + 0.3));
     soup.uvs.push_back(static_cast<float>(repeats * (0.5 * z - 0.07 * x) - 1.7));
   }

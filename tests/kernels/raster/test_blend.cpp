@@ -5,15 +5,12 @@
 #include <vector>
 
 #include "kernels/cull/cull.h"
-#include "tests/catch.h"
 #include "tests/kernels/raster/blend_cases.h"
 
 using namespace scree;
 using namespace scree::tests;
 using kernels::kBackground;
-using kernels::SceneView;
-using kernels::ShadeOptions;
-using kernels::View;
+using namespace kernels;
 
 namespace {
 
@@ -76,8 +73,7 @@ TEST_CASE("layers hold all fragments of blended surfaces in order", "[blend]") {
       const std::vector<uint64_t> own = draw_instance(blended, view, i);
       for (size_t s = 0; s < own.size(); ++s) {
         if (own[s] >= opaque[s]) continue;
-        bool is_there = false;
-        bool is_covered = false;
+        bool is_there = false, is_covered = false;
         for (size_t l = 0; l < layers.samples.size() && !is_there && !is_covered; ++l) {
           is_there = layers.samples[l][s] == own[s];
           is_covered = layers.samples[l][s] < own[s] && layers.alphas[l][s] >= 1;

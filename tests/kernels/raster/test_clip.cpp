@@ -57,8 +57,7 @@ TEST_CASE("clip: clipping at the near plane alone gives the corners of clipping 
   for (int round = 0; round < 400000; ++round) {
     ClipVertex v[3];
     // Much smaller than the near distance, about as large, and much larger; some leave the guard band.
-    const double across = std::pow(10.0, 3 * unit(random));
-    const double wide = std::pow(10.0, 4 + 4 * unit(random));
+    const double across = std::pow(10.0, 3 * unit(random)), wide = std::pow(10.0, 4 + 4 * unit(random));
     const double middle = 1 + across * unit(random);
     for (ClipVertex& corner : v) {
       corner.w = round % 16 == 0 && unit(random) > 0 ? 1.0 : middle + across * unit(random);

@@ -6,7 +6,6 @@
 #include <random>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/kernels/draw_counted.h"
 #include "tests/kernels/raster/blend_cases.h"
 #include "tests/kernels/raster/clip_cases.h"
@@ -78,8 +77,7 @@ Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint
     if (!(determinant > 0)) continue;  // seen from behind
     const double u = dot(from, p.data()) / determinant;
     const Point q = cross(from, ab);
-    const double v = dot(ray, q.data()) / determinant;
-    const double distance = dot(ac, q.data()) / determinant;
+    const double v = dot(ray, q.data()) / determinant, distance = dot(ac, q.data()) / determinant;
     const double inside = std::min({u, v, 1 - u - v});
     const double first = view.z_near, last = view.orthographic ? view.z_far : INFINITY;
     if (inside < -10 * kNear || distance < first * (1 - kNear) || distance > last * (1 + kNear)) continue;
@@ -126,8 +124,7 @@ TEST_CASE("pictures with a clipping box equal a ray caster's", "[raster][clip]")
                        : round % 4 == 2 ? orthographic(far, 1.6, 0.1, 20)
                                         : orthographic(near, 0.9, 0.01, 9);
     const View view = clipping(whole, random_box(random, 1.3));
-    const std::vector<uint64_t> samples = draw(drawn, view, 2);
-    const std::vector<uint64_t> uncut = draw(drawn, whole, 2);
+    const std::vector<uint64_t> samples = draw(drawn, view, 2), uncut = draw(drawn, whole, 2);
     for (size_t i = 0; i < samples.size(); ++i) {
       ++all;
       uint64_t id;
@@ -195,8 +192,7 @@ TEST_CASE("a clipping box cuts by the rule of the specification", "[raster][clip
 }
 
 TEST_CASE("a clipping box keeps exactly the samples inside", "[raster][clip]") {
-  const bool is_blended = GENERATE(false, true);
-  const bool is_clustered = GENERATE(false, true);
+  const bool is_blended = GENERATE(false, true), is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   if (is_blended) {
     add_blended_meshes(builder, is_clustered);
@@ -304,8 +300,7 @@ TEST_CASE("triangles outside a clipping box are culled", "[raster][clip]") {
 }
 
 TEST_CASE("invalid clipping boxes are refused", "[raster][clip]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(grid(2, 0), {}), builder.identity());
+  SceneBuilder builder(grid(2, 0));
   const kernels::SceneView scene = builder.view();
   const View whole = masked_views()[0];
   std::vector<uint64_t> samples(size_t{whole.width} * whole.height);

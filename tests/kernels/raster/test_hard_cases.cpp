@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstdio>
 
-#include "tests/catch.h"
 #include "tests/kernels/raster/hard_cases.h"
 
 using namespace scree;
@@ -101,8 +100,7 @@ TEST_CASE("hard: a plane seen edge-on", "[hard]") {
 }
 
 TEST_CASE("hard: triangles across the near plane", "[hard]") {
-  const Figures figures = judged("near plane", 5, 20, 1e-2);
-  CHECK(figures.covered > 50000);
+  CHECK(judged("near plane", 5, 20, 1e-2).covered > 50000);
 }
 
 TEST_CASE("hard: everything behind the camera", "[hard]") {
@@ -153,8 +151,7 @@ TEST_CASE("hard: a mesh of millimetre detail 1e7 m from the origin", "[hard]") {
 }
 
 TEST_CASE("hard: scales of 1e-6 and 1e6", "[hard]") {
-  const Figures small = judged("scale 1e-6", 5, 40, 1e-3);
-  const Figures large = judged("scale 1e6", 5, 40, 1e-3);
+  const Figures small = judged("scale 1e-6", 5, 40, 1e-3), large = judged("scale 1e6", 5, 40, 1e-3);
   CHECK(small.covered > 10000);
   CHECK(large.covered > 10000);
 }
@@ -182,8 +179,7 @@ TEST_CASE("hard: mirrored, sheared and degenerate transforms", "[hard]") {
 }
 
 TEST_CASE("hard: pictures of 1 x 1, 1 x 8192, 8192 x 1 and odd sizes", "[hard]") {
-  const Figures figures = judged("odd sizes", 5, 900, 1e-2);
-  CHECK(figures.pixels == 1 + 8192 + 8192 + 6 + 129 * 127);
+  CHECK(judged("odd sizes", 5, 900, 1e-2).pixels == 1 + 8192 + 8192 + 6 + 129 * 127);
 }
 
 TEST_CASE("hard: every case is equal in clusters and in indexed chunks of the same order", "[hard][clusters]") {

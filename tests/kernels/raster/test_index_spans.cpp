@@ -3,15 +3,12 @@
 // of 716 million triangles. The kernels use the widths of a record without that check; here only the few used vertices
 // take memory.
 #include <bit>
-#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include "kernels/frame.h"
-#include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
-#include "tests/format/geometry/index_range.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/kernels/shade_samples.h"
 #include "tests/sanitized.h"

@@ -72,8 +72,7 @@ struct Values {
 TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
   std::mt19937_64 random(3);
   struct Case {
-    std::vector<uint64_t> values;
-    std::vector<uint64_t> keys;
+    std::vector<uint64_t> values, keys;
   };
   std::vector<Case> cases;
   for (const size_t count : {1, 2, 3, 31, 32, 33, 34, 64, 65, 1000, 1024, 1025, 1057}) {
@@ -107,8 +106,7 @@ TEST_CASE("lanes: a team draws the same pixels as a thread", "[lanes]") {
   // searched at once.
   SceneBuilder builder;
   const uint32_t ball = builder.mesh(sphere(8, 0.2), {.chunk_triangles = 7});
-  const uint32_t ground = builder.mesh(grid(3, 0.3), Encoding{});
-  builder.instance(ground, builder.identity());
+  builder.instance(builder.mesh(grid(3, 0.3), Encoding{}), builder.identity());
   for (int i = 0; i < 60; ++i) {
     const double size = 0.02 + 0.003 * i;
     builder.instance(ball, builder.matrix({size, 0, 0, 0.03 * i - 0.9, 0, size, 0, 0.4, 0, 0, size, 0.5 - 0.01 * i}));

@@ -2,7 +2,6 @@
 // equal pictures for every way of drawing.
 #include <cmath>
 
-#include "tests/catch.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/kernels/raster/mask_cases.h"
 
@@ -74,9 +73,7 @@ double alpha_above(const View& view, const MaskView& mask, double repeats, doubl
       ray[i] = view.orthographic ? view.forward[i] : view.forward[i] + across * view.right[i] + up * view.up[i];
       from[i] = view.eye[i] + (view.orthographic ? across * view.right[i] + up * view.up[i] : 0.0);
     }
-    const double t = -from[1] / ray[1];
-    const double px = from[0] + t * ray[0];
-    const double pz = from[2] + t * ray[2];
+    const double t = -from[1] / ray[1], px = from[0] + t * ray[0], pz = from[2] + t * ray[2];
     place = px;
     out[0] = repeats * (0.4 * px + 0.1 * pz) + 0.3;
     out[1] = repeats * (0.5 * pz - 0.07 * px) - 1.7;
@@ -96,8 +93,7 @@ double alpha_above(const View& view, const MaskView& mask, double repeats, doubl
   uint32_t level = 0;
   while (level + 1 < mask.level_count && f >= std::sqrt(2.0) * (1 << level)) ++level;
   const uint8_t* alpha = mask.alpha + format::mask_bytes(mask.width, mask.height, level);
-  const uint32_t width = std::max(mask.width >> level, 1u);
-  const uint32_t height = std::max(mask.height >> level, 1u);
+  const uint32_t width = std::max(mask.width >> level, 1u), height = std::max(mask.height >> level, 1u);
   const double px = (at[0] - std::floor(at[0])) * width - 0.5;
   const double py = (at[1] - std::floor(at[1])) * height - 0.5;
   const auto texel = [&](double tx, double ty) {
@@ -134,8 +130,7 @@ TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
     SceneView opaque = scene;
     opaque.masks = nullptr;
     for (const View& view : masked_views()) {
-      const std::vector<uint64_t> all = draw(opaque, view);
-      const std::vector<uint64_t> seen = draw(scene, view);
+      const std::vector<uint64_t> all = draw(opaque, view), seen = draw(scene, view);
       uint64_t kept = 0, dropped = 0, wrong = 0, foreign = 0;
       for (uint32_t i = 0; i < all.size(); ++i) {
         if (seen[i] != kBackground && seen[i] != all[i]) ++foreign;

@@ -5,7 +5,6 @@
 #include "kernels/shade/locate.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/kernels/shade_samples.h"
-#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -69,8 +68,7 @@ std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
           const float inverse_area = 1.0f / static_cast<float>(static_cast<int64_t>(area));
           for (int32_t y = 0; y < view.height; ++y) {
             for (int32_t x = 0; x < view.width; ++x) {
-              const Wide px = 256 * x + 128;
-              const Wide py = 256 * y + 128;
+              const Wide px = 256 * x + 128, py = 256 * y + 128;
               bool inside = true;
               Wide edge[3];
               for (int k = 0; k < 3; ++k) {
@@ -103,13 +101,10 @@ std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
 
 /// Random triangles around the origin, some tiny, some huge.
 Soup random_soup(std::mt19937& random, uint32_t count) {
-  std::uniform_real_distribution<double> place(-2, 2);
-  std::uniform_real_distribution<double> size(-6, 2);
+  std::uniform_real_distribution<double> place(-2, 2), size(-6, 2);
   Soup soup;
   for (uint32_t i = 0; i < count; ++i) {
-    const double x = place(random);
-    const double y = place(random);
-    const double z = place(random);
+    const double x = place(random), y = place(random), z = place(random);
     const double s = std::exp2(size(random));
     const uint32_t first = soup.add(x + s * place(random), y + s * place(random), z + s * place(random));
     soup.add(x + s * place(random), y + s * place(random), z + s * place(random));
@@ -221,9 +216,8 @@ TEST_CASE("raster: centres on an edge belong to the triangle below or to the rig
     const std::vector<uint64_t> samples = draw(builder.view(), view);
     std::set<std::array<int, 2>> covered_centres;  // in 1 / 128 units from the image's centre
     for (int y = 0; y < 64; ++y) {
-      for (int x = 0; x < 64; ++x) {
+      for (int x = 0; x < 64; ++x)
         if (samples[static_cast<size_t>(64 * y + x)] != kBackground) covered_centres.insert({2 * x - 63, 2 * y - 63});
-      }
     }
     return covered_centres;
   };
@@ -303,14 +297,12 @@ TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly o
     Soup all = patch;
     all.indices = quads;
     const Encoding encoding{.exponent = -7};
-    SceneBuilder together;
-    together.instance(together.mesh(all, encoding), together.identity());
+    SceneBuilder together(all, encoding);
     const std::vector<uint64_t> whole = draw(together.view(), view);
     for (size_t t = 0; t < quads.size(); t += 3) {
       Soup one = patch;
       one.indices.assign(quads.begin() + static_cast<ptrdiff_t>(t), quads.begin() + static_cast<ptrdiff_t>(t + 3));
-      SceneBuilder builder;
-      builder.instance(builder.mesh(one, encoding), builder.identity());
+      SceneBuilder builder(one, encoding);
       const std::vector<uint64_t> samples = draw(builder.view(), view);
       for (size_t i = 0; i < samples.size(); ++i) count[i] += samples[i] != kBackground;
     }
@@ -328,8 +320,7 @@ TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly o
 
 TEST_CASE("raster: equal lattice points in different meshes and chunks leave no crack", "[raster]") {
   const Soup whole = grid(24, 0.0);
-  Soup left = whole;
-  Soup right = whole;
+  Soup left = whole, right = whole;
   left.indices.clear();
   right.indices.clear();
   for (size_t t = 0; t < whole.indices.size(); t += 3) {
@@ -348,8 +339,7 @@ TEST_CASE("raster: equal lattice points in different meshes and chunks leave no 
   };
   for (uint32_t cut : {7u, 65536u}) {
     const Encoding encoding{.exponent = -11, .chunk_triangles = cut};
-    SceneBuilder one;
-    one.instance(one.mesh(whole, encoding), one.identity());
+    SceneBuilder one(whole, encoding);
     SceneBuilder two;
     const uint32_t identity = two.identity();
     two.instance(two.mesh(used_only(left), encoding), identity);
@@ -357,8 +347,7 @@ TEST_CASE("raster: equal lattice points in different meshes and chunks leave no 
     for (int round = 0; round < 12; ++round) {
       const View view = look_at({0.7 * std::sin(round), 0.02 + 0.1 * round, 0.9 * std::cos(round)},
                                 {0.1, 0, 0.1 * round - 0.5}, 150, 90, 0.05);
-      const std::vector<uint64_t> a = draw(one.view(), view);
-      const std::vector<uint64_t> b = draw(two.view(), view);
+      const std::vector<uint64_t> a = draw(one.view(), view), b = draw(two.view(), view);
       for (size_t i = 0; i < a.size(); ++i) REQUIRE(a[i] >> kIdBits == b[i] >> kIdBits);
       CHECK(covered(a) > 1000);
     }

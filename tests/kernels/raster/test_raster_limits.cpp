@@ -4,7 +4,6 @@
 #include "kernels/shade/locate.h"
 #include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
-#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -12,12 +11,10 @@ using namespace scree::tests;
 
 TEST_CASE("raster: a scene far from the world's origin gives the same picture as at the origin", "[raster]") {
   for (bool float32 : {false, true}) {
-    Encoding encoding;
-    encoding.float32 = float32;
+    Encoding encoding{.float32 = float32};
     SceneBuilder builder;
     const uint32_t mesh = builder.mesh(sphere(14, 0.2), encoding);
-    const uint32_t here = builder.matrix({0.8, 0, 0.6, 0.25, 0, 1, 0, -0.5, -0.6, 0, 0.8, 0.125});
-    builder.instance(mesh, here);
+    builder.instance(mesh, builder.matrix({0.8, 0, 0.6, 0.25, 0, 1, 0, -0.5, -0.6, 0, 0.8, 0.125}));
     const View view = look_at({0.5, 0.75, 2.5}, {0, 0, 0}, 200, 160);
     const std::vector<uint64_t> expected = draw(builder.view(), view);
     CHECK(covered(expected) > 3000);
@@ -35,12 +32,10 @@ TEST_CASE("raster: a scene far from the world's origin gives the same picture as
     }
   }
   // As above with the lattice itself far away: coordinates around 2^40 steps.
-  SceneBuilder builder;
-  builder.instance(builder.mesh(sphere(14, 0.2), Encoding{}), builder.identity());
+  SceneBuilder builder(sphere(14, 0.2));
   View view = look_at({0.5, 0.75, 2.5}, {0, 0, 0}, 200, 160);
   const std::vector<uint64_t> expected = draw(builder.view(), view);
-  const int64_t steps = int64_t{1} << 40;
-  builder.meshes[0].lattice_min[0] += steps;
+  builder.meshes[0].lattice_min[0] += int64_t{1} << 40;
   const double distance = std::ldexp(1.0, 40 + builder.meshes[0].lattice_exponent);
   builder.meshes[0].bounds_min[0] = static_cast<float>(builder.meshes[0].bounds_min[0] + distance);
   builder.meshes[0].bounds_max[0] = static_cast<float>(builder.meshes[0].bounds_max[0] + distance);
@@ -85,11 +80,9 @@ TEST_CASE("raster: projection is within a few ulps of double precision, snapped 
                                 1920, 1080, 0.01, 1.0);
     const FrameView view = make_frame_view(camera);
     format::MatrixRecord matrix;
-    for (auto& row : matrix.rows) {
+    for (auto& row : matrix.rows)
       for (double& value : row) value = unit(random);
-    }
-    const int32_t exponent = -16;
-    const Transform transform = make_transform(view, matrix, exponent, false);
+    const Transform transform = make_transform(view, matrix, -16, false);
     for (int i = 0; i < 200; ++i) {
       int64_t lattice[3];
       float d[3];
@@ -212,9 +205,8 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
     SceneBuilder builder;
     const Encoding encoding{.float32 = round % 2 == 1, .material = builder.material(format::kMaterialDoubleSided)};
     Soup soup = sphere(4, 0.1);
-    if (round % 4 == 1) {
+    if (round % 4 == 1)
       for (float& p : soup.positions) p *= 3e38f;
-    }
     const uint32_t mesh = builder.mesh(soup, encoding);
     if (round % 4 == 2) builder.meshes[0].lattice_exponent = round % 8 == 2 ? 127 : -149;
     std::array<double, 12> rows;
@@ -257,12 +249,9 @@ TEST_CASE("raster: slivers and points", "[raster]") {
   Encoding encoding{.exponent = -20};
   for (int round = 0; round < 4; ++round) {
     const View view = look_at({0.3 * round, 0.2 * round, 2}, {0, 0, 0}, 190, 140);
-    SceneBuilder slivers;
-    slivers.instance(slivers.mesh(fan, encoding), slivers.identity());
-    SceneBuilder one;
-    one.instance(one.mesh(whole, encoding), one.identity());
-    const std::vector<uint64_t> thin = draw(slivers.view(), view);
-    const std::vector<uint64_t> solid = draw(one.view(), view);
+    SceneBuilder slivers(fan, encoding);
+    SceneBuilder one(whole, encoding);
+    const std::vector<uint64_t> thin = draw(slivers.view(), view), solid = draw(one.view(), view);
     // In one of the pictures the far edge is a chain of snapped points. So a few pixels of the outline may differ, but
     // none inside.
     uint32_t differ = 0;
@@ -291,8 +280,7 @@ TEST_CASE("raster: slivers and points", "[raster]") {
 }
 
 TEST_CASE("raster: images of 16384 samples per side", "[raster]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(square(), Encoding{}), builder.identity());
+  SceneBuilder builder{square()};
   for (const auto& [width, height] : {std::array<uint32_t, 2>{16384, 3}, std::array<uint32_t, 2>{2, 16384}}) {
     const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, width, height), 0.9, 0, 2);
     View exact = view;
@@ -315,8 +303,7 @@ TEST_CASE("raster: ids past 2^32", "[raster]") {
   const View view = look_at({0, 1, 2}, {0, 0, 0}, 120, 90);
   const std::vector<uint64_t> expected = draw(builder.view(), view);
   for (uint64_t first : {uint64_t{0}, (uint64_t{1} << 32) - 30, (uint64_t{1} << 35) + 12345, kIdMask - 100}) {
-    const SceneView scene = builder.view(first);
-    const std::vector<uint64_t> samples = draw(scene, view);
+    const std::vector<uint64_t> samples = draw(builder.view(first), view);
     for (size_t i = 0; i < samples.size(); ++i)
       REQUIRE(samples[i] == (expected[i] == kBackground ? kBackground : expected[i] + first));
   }
@@ -364,9 +351,8 @@ TEST_CASE("raster: depth codes", "[raster]") {
   CHECK(std::isinf(depth_of_code(view, kFarthestDepthCode)));
   CHECK(std::isinf(depth_of_code(view, sample_depth_code(kBackground))));
   view = orthographic(view, 1, -2, 6);
-  for (double t = 0; t <= 1; t += 1.0 / 64) {
+  for (double t = 0; t <= 1; t += 1.0 / 64)
     CHECK(depth_of_code(view, orthographic_depth_code(static_cast<float>(t))) == Approx(6 - 8 * t).margin(1e-7));
-  }
   CHECK(orthographic_depth_code(1.0f) == 0);
   CHECK(orthographic_depth_code(0.0f) < kFarthestDepthCode);
   // All codes are in order, at the ends and across an octave.
@@ -381,8 +367,7 @@ TEST_CASE("raster: depth codes", "[raster]") {
 }
 
 TEST_CASE("raster: absent pages are left out, wrong sizes are refused", "[raster]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(grid(8, 0), {.chunk_triangles = 16}), builder.identity());
+  SceneBuilder builder(grid(8, 0), {.chunk_triangles = 16});
   SceneView scene = builder.view();
   const View view = look_at({0, 2, 0.1}, {0, 0, 0}, 80, 60);
   const uint64_t all = covered(draw(scene, view));
@@ -419,10 +404,8 @@ TEST_CASE("raster: one chunk of more triangles than a block, and vertices far ap
     const Encoding small{.chunk_triangles = 1000};
     Encoding large = small;
     large.chunk_triangles = UINT32_MAX;
-    SceneBuilder cut;
-    cut.instance(cut.mesh(soup, small), cut.identity());
-    SceneBuilder whole;
-    whole.instance(whole.mesh(soup, large), whole.identity());
+    SceneBuilder cut(soup, small);
+    SceneBuilder whole(soup, large);
     REQUIRE(whole.chunks[0].triangle_count > kernels::QueueSizes{}.block_triangles);
     CHECK(draw(cut.view(), view) == draw(whole.view(), view));
   }

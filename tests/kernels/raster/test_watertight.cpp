@@ -11,18 +11,17 @@ using namespace scree::tests;
 namespace {
 
 /// The mesh in camera space: homogeneous corners. x and y are in pixels from the image's centre, times w.
-struct Seen {
+struct Projected {
   struct Corner {
     double x, y, w, distance;
   };
   std::vector<std::array<Corner, 3>> triangles;
-  double z_near;
-  double z_far;
+  double z_near, z_far;
 };
 
-Seen see(const Soup& soup, const std::vector<double>& positions, const std::array<double, 12>& world,
-         const View& view) {
-  std::vector<Seen::Corner> corners;
+Projected project(const Soup& soup, const std::vector<double>& positions, const std::array<double, 12>& world,
+                  const View& view) {
+  std::vector<Projected::Corner> corners;
   for (size_t v = 0; v < positions.size() / 3; ++v) {
     double p[3];
     for (size_t i = 0; i < 3; ++i) {
@@ -35,20 +34,19 @@ Seen see(const Soup& soup, const std::vector<double>& positions, const std::arra
                        -along(view.up) * view.height / 2 / view.half_height, view.orthographic ? 1.0 : distance,
                        distance});
   }
-  Seen seen;
-  for (size_t i = 0; i < soup.indices.size(); i += 3) {
-    seen.triangles.push_back({corners[soup.indices[i]], corners[soup.indices[i + 1]], corners[soup.indices[i + 2]]});
-  }
-  seen.z_near = view.z_near;
-  seen.z_far = view.orthographic ? view.z_far : INFINITY;
-  return seen;
+  Projected shown;
+  for (size_t i = 0; i < soup.indices.size(); i += 3)
+    shown.triangles.push_back({corners[soup.indices[i]], corners[soup.indices[i + 1]], corners[soup.indices[i + 2]]});
+  shown.z_near = view.z_near;
+  shown.z_far = view.orthographic ? view.z_far : INFINITY;
+  return shown;
 }
 
 /// Distance of the nearest intersection of the ray through (x, y) between the near and far planes; infinity if there is
 /// none.
-double cast(const Seen& seen, double x, double y) {
+double cast(const Projected& shown, double x, double y) {
   double nearest = INFINITY;
-  for (const auto& t : seen.triangles) {
+  for (const auto& t : shown.triangles) {
     double qx[3];
     double qy[3];
     for (size_t i = 0; i < 3; ++i) {
@@ -63,18 +61,18 @@ double cast(const Seen& seen, double x, double y) {
     const double sign = sum < 0 ? -1.0 : 1.0;
     if (sum == 0 || sign * e0 < -slack || sign * e1 < -slack || sign * e2 < -slack) continue;
     const double distance = (e0 * t[0].distance + e1 * t[1].distance + e2 * t[2].distance) / sum;
-    if (distance >= seen.z_near && distance <= seen.z_far) nearest = std::min(nearest, distance);
+    if (distance >= shown.z_near && distance <= shown.z_far) nearest = std::min(nearest, distance);
   }
   return nearest;
 }
 
 /// The range of distances that rays within 1/128 pixel find.
-std::array<double, 2> cast_around(const Seen& seen, double x, double y) {
+std::array<double, 2> cast_around(const Projected& shown, double x, double y) {
   std::array<double, 2> range = {INFINITY, -INFINITY};
   for (int i = 0; i < 17; ++i) {
     const double angle = i * (2 * 3.14159265358979323846 / 16);
     const double radius = i == 16 ? 0.0 : 1.0 / 128;
-    const double distance = cast(seen, x + radius * std::cos(angle), y + radius * std::sin(angle));
+    const double distance = cast(shown, x + radius * std::cos(angle), y + radius * std::sin(angle));
     range[0] = std::min(range[0], distance);
     range[1] = std::max(range[1], distance);
   }
@@ -93,9 +91,7 @@ std::vector<double> stored_positions(const Soup& soup, const Encoding& encoding)
 }
 
 struct EdgeTally {
-  uint64_t covered = 0;
-  uint64_t empty = 0;
-  uint64_t outline = 0;
+  uint64_t covered = 0, empty = 0, outline = 0;
 };
 
 void check_picture(const Soup& soup, const Encoding& base, const std::array<double, 12>& world, const View& view,
@@ -105,17 +101,16 @@ void check_picture(const Soup& soup, const Encoding& base, const std::array<doub
   encoding.material = builder.material(format::kMaterialDoubleSided);
   builder.instance(builder.mesh(soup, encoding), builder.matrix(world));
   const std::vector<uint64_t> samples = draw(builder.view(), view);
-  const Seen seen = see(soup, stored_positions(soup, encoding), world, view);
+  const Projected shown = project(soup, stored_positions(soup, encoding), world, view);
   for (uint32_t y = 0; y < view.height; ++y) {
     for (uint32_t x = 0; x < view.width; ++x) {
-      const double px = x + 0.5 - 0.5 * view.width;
-      const double py = y + 0.5 - 0.5 * view.height;
+      const double px = x + 0.5 - 0.5 * view.width, py = y + 0.5 - 0.5 * view.height;
       const uint64_t sample = samples[size_t{y} * view.width + x];
-      const double expected = cast(seen, px, py);
+      const double expected = cast(shown, px, py);
       const bool drawn = sample != kBackground;
       (drawn ? tally.covered : tally.empty) += 1;
       if (drawn != std::isfinite(expected)) {
-        const std::array<double, 2> range = cast_around(seen, px, py);
+        const std::array<double, 2> range = cast_around(shown, px, py);
         INFO("pixel " << x << ", " << y << " distance " << expected << " around " << range[0] << " to " << range[1]);
         REQUIRE(std::isfinite(range[0]));
         REQUIRE(!std::isfinite(range[1]));
@@ -124,7 +119,7 @@ void check_picture(const Soup& soup, const Encoding& base, const std::array<doub
         const double distance = depth_of_code(view, sample_depth_code(sample));
         const double slack = view.orthographic ? 1e-6 * (view.z_far - view.z_near) : 2e-6 * expected;
         if (std::fabs(distance - expected) <= slack) continue;
-        const std::array<double, 2> range = cast_around(seen, px, py);
+        const std::array<double, 2> range = cast_around(shown, px, py);
         if (!std::isfinite(range[1])) continue;  // at an outline half of the rays hit nothing
         INFO("pixel " << x << ", " << y << " distance " << distance << " not " << expected << ", around " << range[0]
                       << " to " << range[1]);
@@ -185,8 +180,7 @@ TEST_CASE("watertight: an eye on a vertex, on an edge and on a face", "[raster][
     const auto a = corner(triangle, 0);
     const auto b = corner(triangle, 1);
     const auto c = corner(triangle, 2);
-    std::array<double, 3> edge;
-    std::array<double, 3> face;
+    std::array<double, 3> edge, face;
     for (size_t i = 0; i < 3; ++i) {
       edge[i] = 0.5 * (a[i] + b[i]);
       face[i] = 0.25 * a[i] + 0.25 * b[i] + 0.5 * c[i];

@@ -37,8 +37,7 @@ inline std::array<double, 3> plane_weights(const double corner[3][3], double x, 
 inline Light reference_light(const kernels::SceneView& scene, const kernels::View& view, uint64_t sample, uint32_t px,
                              uint32_t py, const float* srgb) {
   using namespace kernels;
-  const uint64_t id = sample_id(sample);
-  const Hit hit = find_triangle(scene, id);
+  const Hit hit = find_triangle(scene, sample_id(sample));
   const format::ChunkRecord& chunk = scene.chunks[hit.chunk];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const format::MatrixRecord& matrix = scene.matrices[scene.instances[hit.instance].matrix];

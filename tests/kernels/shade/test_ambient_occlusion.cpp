@@ -56,8 +56,7 @@ TEST_CASE("occlusion: a plane that faces the camera keeps all its light, and so 
   for (const bool flat : {false, true}) {
     Soup soup;
     add_rectangle(soup, -4, -4, 3, 4, 0);
-    SceneBuilder builder;
-    builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+    SceneBuilder builder(soup);
     for (const uint32_t side : {1u, 2u, 4u}) {
       const Factors found = factors(builder.view(), camera(flat, 97, 61), both(), side);
       for (const float value : found.values) REQUIRE(value == 1.0f);
@@ -91,8 +90,7 @@ TEST_CASE("occlusion: a step darkens its far side, not its near one", "[occlusio
     Soup soup;
     add_rectangle(soup, -40, -40, 40, 40, 0);
     add_rectangle(soup, -40, -40, 0, 40, 0.125);
-    SceneBuilder builder;
-    builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+    SceneBuilder builder(soup);
     const View view = camera(flat, 120, 400);
     const Factors open = factors(builder.view(), view, ssao());
     const Factors lit = factors(builder.view(), view, edl());
@@ -120,8 +118,7 @@ TEST_CASE("occlusion: eye-dome lighting follows its strength and radius", "[occl
   Soup soup;
   add_rectangle(soup, -40, -40, 40, 40, 0);
   add_rectangle(soup, -40, -40, 0, 40, 0.125);
-  SceneBuilder builder;
-  builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
+  SceneBuilder builder(soup);
   const View view = camera(false, 120, 100);
   ShadeOptions options = edl();
   options.edl_strength = 0.5f;
@@ -171,8 +168,7 @@ TEST_CASE("occlusion: a corner is darkest in its crease, at any scale", "[occlus
 }
 
 TEST_CASE("occlusion: equal for any number of threads; wrong sizes are refused", "[occlusion]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(grid(30, 0.3), Encoding{}), builder.identity());
+  SceneBuilder builder(grid(30, 0.3));
   const View view = look_at({0.3, 1, 2}, {0, 0, 0}, 202, 102);
   const Factors one = factors(builder.view(), view, both(), 2, 1);
   CHECK(one.values == factors(builder.view(), view, both(), 2, 3).values);

@@ -23,8 +23,7 @@ struct Layers {
   std::vector<float> depth;
   std::vector<int64_t> triangle;
   std::vector<int32_t> instance;
-  std::vector<float> normal;
-  std::vector<float> uv;
+  std::vector<float> normal, uv;
 };
 
 Layers layers_of(const SceneView& scene, const View& view, uint32_t side, const std::vector<uint64_t>& samples,
@@ -171,16 +170,13 @@ TEST_CASE("a mesh without texture coordinates has zeros, and normals of its face
 TEST_CASE("layers of packed chunks equal those of floats within the lattice's error", "[shade][layers]") {
   const Soup soup = ball(true);
   const View view = look_at({2, 1.5, 4}, {0, 0, 0}, 60, 60);
-  SceneBuilder exact;
-  exact.instance(exact.mesh(soup, float32()), exact.identity());
+  SceneBuilder exact(soup, float32());
   const std::vector<uint64_t> samples = draw(exact.view(), view);
   const Layers expected = layers_of(exact.view(), view, 1, samples);
   for (const Clusters clusters : {Clusters::kNone, Clusters::kClustered}) {
     const Encoding encoding{.exponent = -18, .clusters = clusters};
-    SceneBuilder builder;
-    builder.instance(builder.mesh(soup, encoding), builder.identity());
-    const std::vector<uint64_t> packed = draw(builder.view(), view);
-    const Layers layers = layers_of(builder.view(), view, 1, packed);
+    SceneBuilder builder(soup, encoding);
+    const Layers layers = layers_of(builder.view(), view, 1, draw(builder.view(), view));
     size_t differing = 0;
     for (size_t i = 0; i < samples.size(); ++i) {
       for (size_t c = 0; c < 3; ++c)
@@ -194,8 +190,7 @@ TEST_CASE("layers of packed chunks equal those of floats within the lattice's er
 
 TEST_CASE("a pixel of every layer shows its nearest sample", "[shade][layers]") {
   const Soup soup = ball(true);
-  SceneBuilder builder;
-  builder.instance(builder.mesh(soup, float32()), builder.identity());
+  SceneBuilder builder(soup, float32());
   const SceneView scene = builder.view();
   for (const uint32_t side : {2u, 4u}) {
     View view = look_at({2, 1.5, 4}, {0, 0, 0}, 20 * side, 16 * side);

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <filesystem>
 #include <random>
-#include <string>
 #include <vector>
 
 #include "runtime/scene/camera.h"
@@ -13,8 +12,6 @@
 #include "tests/kernels/shade/reference_shade.h"
 #include "tests/kernels/shade_samples.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -122,8 +119,7 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, for every kind of
       std::vector<float> rgba(4 * samples.size());
       for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
                               Show::kMesh, Show::kStage, Show::kDepth}) {
-        ShadeOptions options;
-        options.show = show;
+        ShadeOptions options{.show = show};
         options.background[0] = 0.25f;
         options.background[3] = 0.5f;
         scree::tests::shade_samples(scene, view, samples, options, rgba);
@@ -154,8 +150,7 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, for every kind of
 }
 
 TEST_CASE("resolve: occlusion darkens surfaces, not the background", "[resolve]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(grid(12, 0.4), Encoding{}), builder.identity());
+  SceneBuilder builder(grid(12, 0.4));
   const SceneView scene = builder.view();
   const View view = look_at({0.3, 1, 2}, {0, 0, 0}, 240, 160);
   const std::vector<uint64_t> samples = draw(scene, view);
@@ -187,8 +182,7 @@ TEST_CASE("resolve: occlusion darkens surfaces, not the background", "[resolve]"
 }
 
 TEST_CASE("resolve: buffers of different sizes are refused", "[resolve]") {
-  SceneBuilder builder;
-  builder.instance(builder.mesh(grid(2, 0), Encoding{}), builder.identity());
+  SceneBuilder builder(grid(2, 0));
   const View view = look_at({0, 1, 2}, {0, 0, 0}, 12, 8);
   const std::vector<uint64_t> samples = draw(builder.view(), view);
   std::vector<uint8_t> pixels(3 * 12 * 8);

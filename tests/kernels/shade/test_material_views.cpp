@@ -6,9 +6,7 @@
 #include "tests/catch.h"
 
 using namespace scree;
-using kernels::JpegLevel;
-using kernels::MaterialView;
-using kernels::TextureView;
+using namespace kernels;
 
 namespace {
 
@@ -35,8 +33,7 @@ struct Material {
     scene.surface_count = 1;
     scene.textures = textures.data();
     scene.texture_count = textures.size();
-    MaterialView out;
-    out.surface = 0;
+    MaterialView out{.surface = 0};
     kernels::bundle_textures(scene, {&out, 1});
     return out;
   }

@@ -102,10 +102,8 @@ TEST_CASE("shade: magnified textures are bilinear in linear light, or nearest", 
   };
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {
-      const double u = (x + 0.5) / 16 - 0.5;
-      const double v = (y + 0.5) / 16 - 0.5;
-      const int ix = static_cast<int>(std::floor(u));
-      const int iy = static_cast<int>(std::floor(v));
+      const double u = (x + 0.5) / 16 - 0.5, v = (y + 0.5) / 16 - 0.5;
+      const int ix = static_cast<int>(std::floor(u)), iy = static_cast<int>(std::floor(v));
       for (size_t c = 0; c < 3; ++c) {
         const double expected = (texel(ix, iy, c) * (ix + 1 - u) + texel(ix + 1, iy, c) * (u - ix)) * (iy + 1 - v) +
                                 (texel(ix, iy + 1, c) * (ix + 1 - u) + texel(ix + 1, iy + 1, c) * (u - ix)) * (v - iy);
@@ -129,9 +127,8 @@ TEST_CASE("shade: minified textures use the mip level of their footprint", "[sha
   // give log2(64 / 24) = 1.415.
   const std::vector<float> between = shaded(square_scene.builder.view(), front(24), ShadeOptions{});
   const double weight = std::log2(64.0 / 24) - 1;
-  for (size_t i = 0; i < between.size(); i += 4) {
+  for (size_t i = 0; i < between.size(); i += 4)
     REQUIRE(static_cast<double>(between[i]) == Approx(linear(10) * (1 - weight) + linear(20) * weight).margin(1e-4));
-  }
   // A footprint past the last level.
   TexturedSquare far_scene(square(0, 0, 1000, 1000), texture);
   const std::vector<float> far = shaded(far_scene.builder.view(), front(5), ShadeOptions{});
@@ -194,8 +191,7 @@ TEST_CASE("shade: wrap modes", "[shade]") {
     for (int y = 0; y < shown; ++y) {
       for (int x = 0; x < shown; ++x) {
         const int at = x - 16;
-        const int repeat = ((at % 8) + 8) % 8;
-        const int period = ((at % 16) + 16) % 16;
+        const int repeat = ((at % 8) + 8) % 8, period = ((at % 16) + 16) % 16;
         const int column = wrap == format::Wrap::kRepeat   ? repeat
                            : wrap == format::Wrap::kMirror ? (period < 8 ? period : 15 - period)
                                                            : std::clamp(at, 0, 7);
@@ -216,9 +212,8 @@ TEST_CASE("shade: a texture is as sharp thousands of repeats away", "[shade]") {
   TexturedSquare away(square(4096, -8192, 4097, -8191), texture);
   check_close(shaded(away.builder.view(), front(100), ShadeOptions{}), expected, 1e-5);
   // The lattice of a chunk can reach farther than floats: move it by 2^40 repeats.
-  for (format::ChunkRecord& chunk : near.builder.chunks) {
+  for (format::ChunkRecord& chunk : near.builder.chunks)
     chunk.uv_min[0] += static_cast<int64_t>(std::ldexp(1.0, 20 - chunk.uv_exponent));
-  }
   check_close(shaded(near.builder.view(), front(100), ShadeOptions{}), expected, 1e-5);
 }
 
@@ -330,9 +325,8 @@ TEST_CASE("shade: normals of faces and of vertices, also under mirroring and str
       soup.add(1, -1, -1);
       soup.add(1, 1, -1);
       soup.triangle(0, 1, 2);
-      if (stored) {
+      if (stored)
         for (int v = 0; v < 3; ++v) soup.normals.insert(soup.normals.end(), {1, 0, 1});
-      }
       const double x = mirrored ? -2 : 2;  // scaled by (x, 1, 1): the normal becomes (1 / x, 0, 1)
       builder.instance(builder.mesh(soup, encoding), builder.matrix({x, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -2}));
       const ShadeOptions options{.show = Show::kNormal};
@@ -370,9 +364,8 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
     options.show = show;
     scree::tests::shade_samples(scene, view, samples, options, rgba);
     std::set<std::array<float, 3>> found;
-    for (size_t i = 0; i < samples.size(); ++i) {
+    for (size_t i = 0; i < samples.size(); ++i)
       if (samples[i] != kBackground) found.insert({rgba[4 * i], rgba[4 * i + 1], rgba[4 * i + 2]});
-    }
     return found.size();
   };
   std::set<uint64_t> ids;

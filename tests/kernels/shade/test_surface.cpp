@@ -95,8 +95,7 @@ struct LitSquare {
     SceneView scene = builder.view();
     scene.surfaces = &surface;
     scene.surface_count = 1;
-    MaterialView material;
-    material.surface = 0;
+    MaterialView material{.surface = 0};
     bundle_textures(scene, {&material, 1});
     scene.material_views = &material;
     scene.lights = lights.data();

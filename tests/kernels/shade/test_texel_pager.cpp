@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "kernels/shade/texture.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 
 using namespace scree;
@@ -114,8 +113,7 @@ class TestPicture {
     return most;
   }
 
-  size_t rounds = 0;
-  size_t wrong = 0;
+  size_t rounds = 0, wrong = 0;
   size_t coarse = 0;  // pixels that were finished without all of their pages
 
  private:

@@ -9,11 +9,8 @@
 
 #include "kernels/blend.h"
 #include "runtime/draw/device_scene.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tools/synth/synth.h"
@@ -21,9 +18,7 @@
 using namespace scree;
 using namespace scree::runtime;
 using namespace scree::tests;
-using kernels::BlendCounts;
-using kernels::ShadeOptions;
-using kernels::View;
+using namespace kernels;
 
 namespace {
 

@@ -11,16 +11,12 @@
 #include <vector>
 
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 #ifdef SCREE_HAS_CUDA
@@ -44,29 +40,20 @@ Scene load_cube(const scree::tests::TempFolder& folder) {
   return must_load(convert.output);
 }
 
-/// Number of pixels whose channels differ by more than one level.
-size_t differing(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
-  REQUIRE(a.size() == b.size());
-  size_t count = 0;
-  for (size_t i = 0; i < a.size(); ++i) count += std::abs(a[i] - b[i]) > 1 ? 1 : 0;
-  return count;
-}
-
 void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
-  const std::vector<uint8_t> on_cpu = must(cpu.shade(options, 2));
-  const std::vector<uint8_t> on_gpu = must(gpu.shade(options, 2));
+  const std::vector<uint8_t> on_cpu = must(cpu.shade(options, 2)), on_gpu = must(gpu.shade(options, 2));
   INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
   CHECK(differing(on_cpu, on_gpu) <= on_cpu.size() / 10000);
 }
 
 void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
-  Frame cpu = must(Frame::draw(scene, view, samples_per_side, 2));
-  Frame gpu = must(Frame::draw(scene, view, samples_per_side, 2, &device));
+  Frame cpu = must_draw(scene, view, samples_per_side);
+  Frame gpu = must_draw(scene, view, samples_per_side, &device);
   REQUIRE(gpu.read_samples());
-  Frame again = must(Frame::draw(scene, view, samples_per_side, 2, &device));
+  Frame again = must_draw(scene, view, samples_per_side, &device);
   REQUIRE(again.read_samples());
-  CHECK(std::equal(cpu.samples().begin(), cpu.samples().end(), gpu.samples().begin(), gpu.samples().end()));
-  CHECK(std::equal(gpu.samples().begin(), gpu.samples().end(), again.samples().begin(), again.samples().end()));
+  CHECK(std::ranges::equal(cpu.samples(), gpu.samples()));
+  CHECK(std::ranges::equal(gpu.samples(), again.samples()));
   scree::kernels::ShadeOptions options;
   for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
                           Show::kMesh, Show::kStage, Show::kDepth}) {
@@ -130,21 +117,19 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
     convert.source_ids = true;
     convert.zstd_level = level;
     REQUIRE(scree::convert::convert(convert));
-    scree::tests::Encoding floats;
-    floats.float32 = true;
+    scree::tests::Encoding floats{.float32 = true};
     const std::string paged = folder.file("paged.scree");
     scree::tests::PagedScene{}.write(paged,
                                      {{scree::tests::grid(90, 0.2), {}}, {scree::tests::sphere(40, 0.1), floats}});
     for (const std::string& path : {convert.output, paged}) {
-      const Scene whole = must_load(path);
-      const Scene scene = must_load(path, {.threads = 2, .pages = false});
+      const Scene whole = must_load(path), scene = must_load(path, {.threads = 2, .pages = false});
       DeviceScene device = must(DeviceScene::upload(scene, 0, 3));
       CHECK(device.stats().counts.pages == scene.drawn_pages().size());
       const View view = must(scree::runtime::make_view(whole, {.width = 333, .height = 222}));
-      const Frame cpu = must(Frame::draw(whole, view, 1, 2));
-      Frame gpu = must(Frame::draw(scene, view, 1, 2, &device));
+      const Frame cpu = must_draw(whole, view);
+      Frame gpu = must_draw(scene, view, 1, &device);
       REQUIRE(gpu.read_samples());
-      CHECK(std::equal(cpu.samples().begin(), cpu.samples().end(), gpu.samples().begin(), gpu.samples().end()));
+      CHECK(std::ranges::equal(cpu.samples(), gpu.samples()));
       const auto on_cpu = must(cpu.pick(166, 111));
       const auto on_gpu = must(gpu.pick(166, 111));
       REQUIRE(on_cpu.has_value());
@@ -172,35 +157,29 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
                                                     .target = scree::runtime::Vec3{0, 0, 0},
                                                     .width = 64,
                                                     .height = 48}));
-    const Frame frame = must(Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2));
+    const Frame frame = must_draw(scene, scree::tests::omitting(views[i], bits[0].data()));
     const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::Layer::kTriangle, 2));
     expected.insert(expected.end(), ids.begin(), ids.end());
     if (i == 0) first.assign(frame.samples().begin(), frame.samples().end());
   }
-  const Frame whole = must(Frame::draw(scene, views[0], 1, 2));
-  const Frame other = must(Frame::draw(scene, scree::tests::omitting(views[0], bits[1].data()), 1, 2));
-  const auto is = [](std::span<const uint64_t> a, std::span<const uint64_t> b) {
-    return std::equal(a.begin(), a.end(), b.begin(), b.end());
-  };
-  CHECK_FALSE(is(first, whole.samples()));
-  CHECK_FALSE(is(first, other.samples()));
+  const Frame whole = must_draw(scene, views[0]);
+  const Frame other = must_draw(scene, scree::tests::omitting(views[0], bits[1].data()));
+  CHECK_FALSE(std::ranges::equal(first, whole.samples()));
+  CHECK_FALSE(std::ranges::equal(first, other.samples()));
   if (!scree::tests::has_gpu()) return;
 
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   CHECK(device.set_omitted(std::vector<uint32_t>(2)).error().code == scree::ErrorCode::kRange);
   CHECK(device.set_omitted({}).value() == nullptr);
   std::vector<scree::runtime::DeviceView> both;
-  for (int i = 0; i < 2; ++i) {
-    scree::runtime::DeviceView view = must(device.add_view(scene));
-    both.push_back(std::move(view));
-  }
+  for (int i = 0; i < 2; ++i) both.push_back(must(device.add_view(scene)));
   std::vector<uint64_t> samples(first.size());
   for (const size_t set : {0u, 1u, 2u, 0u}) {
     const uint32_t* const brought = must(device.set_omitted(set == 2 ? std::vector<uint32_t>() : bits[set]));
     for (scree::runtime::DeviceView& view : both) {
       REQUIRE(view.draw(scree::tests::omitting(views[0], brought)));
       REQUIRE(view.read_samples(samples));
-      CHECK(is(samples, set == 2 ? whole.samples() : set == 1 ? other.samples() : first));
+      CHECK(std::ranges::equal(samples, set == 2 ? whole.samples() : set == 1 ? other.samples() : first));
     }
   }
   const uint32_t* const brought = must(device.set_omitted(bits[0]));
@@ -216,8 +195,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   REQUIRE(both[1].read(block, std::as_writable_bytes(std::span(ids))));
   CHECK(ids == expected);
   ids.assign(ids.size(), 0);
-  const auto together = must(both[1].draw_together(scene, views, 1, target(0)));
-  REQUIRE(together.has_value());
+  REQUIRE(must(both[1].draw_together(scene, views, 1, target(0))).has_value());
   REQUIRE(both[1].read(block, std::as_writable_bytes(std::span(ids))));
   CHECK(ids == expected);
 }
@@ -238,10 +216,8 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     REQUIRE(drawn.read_samples(samples));
     REQUIRE(drawn.resolve(view, 1, options, rgba));
     REQUIRE(drawn.make_colors(view, options));
-    uint32_t* const made = must(drawn.resolve_colors(view, 1, options));
-    REQUIRE(drawn.read(made, std::as_writable_bytes(std::span(joined))));
-    const std::byte* const layer = must(drawn.make_layer(view, 1, Layer::kDepth));
-    REQUIRE(drawn.read(layer, std::as_writable_bytes(std::span(depths))));
+    REQUIRE(drawn.read(must(drawn.resolve_colors(view, 1, options)), std::as_writable_bytes(std::span(joined))));
+    REQUIRE(drawn.read(must(drawn.make_layer(view, 1, Layer::kDepth)), std::as_writable_bytes(std::span(depths))));
     return std::tuple(samples, rgba, joined, depths);
   };
   std::vector<View> views;
@@ -281,8 +257,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
 TEST_CASE("a scene larger than its limit of device memory is refused with both sizes", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
-  const Scene scene = load_cube(folder);
-  check_refusal(DeviceScene::upload(scene, 16, 1), scree::ErrorCode::kDevice, "16 are allowed");
+  check_refusal(DeviceScene::upload(load_cube(folder), 16, 1), scree::ErrorCode::kDevice, "16 are allowed");
 }
 
 #ifdef SCREE_HAS_CUDA
@@ -294,22 +269,20 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
     const View view = must(scree::runtime::make_view(scene, {.width = width, .height = width}));
-    const Frame cpu = must(Frame::draw(scene, view, 1, 2));
+    const Frame cpu = must_draw(scene, view);
     scree::kernels::CudaFrames frames =
         must(scree::kernels::CudaFrames::create(scene.view(), device.device_view(), {1, 1, 1}));
     std::vector<uint64_t> samples(size_t{width} * width);
     scree::kernels::DeviceBuffer buffer =
         must(scree::kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture"));
-    const auto stats = must(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data())));
-    CHECK(stats.triangles_medium + stats.triangles_large > 1);
-    REQUIRE(scree::kernels::cuda_check(
-        cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
-    CHECK(std::equal(samples.begin(), samples.end(), cpu.samples().begin(), cpu.samples().end()));
     // The picture is also the same if no triangle is dropped before its projection.
-    REQUIRE(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data()), {false}));
-    REQUIRE(scree::kernels::cuda_check(
-        cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
-    CHECK(std::equal(samples.begin(), samples.end(), cpu.samples().begin(), cpu.samples().end()));
+    for (const bool filters : {true, false}) {
+      const auto stats = must(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data()), {filters}));
+      if (filters) CHECK(stats.triangles_medium + stats.triangles_large > 1);
+      REQUIRE(scree::kernels::cuda_check(
+          cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+      CHECK(std::ranges::equal(samples, cpu.samples()));
+    }
   }
 }
 #endif

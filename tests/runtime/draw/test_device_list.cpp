@@ -3,18 +3,15 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
 #include <cstdlib>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/common/backend.h"
 
 namespace scree::tests {
@@ -56,9 +53,8 @@ TEST_CASE("a GPU is named by its index, its UUID or a prefix of its UUID", "[dev
   CHECK(runtime::find_gpu(gpus, "0001")->name == "second");
   CHECK(runtime::find_gpu(gpus, gpus[0].uuid)->name == "first");
   CHECK(runtime::find_gpu(gpus, "gpu-5FD5")->name == "second");
-  for (const char* none : {"2", "99999999999999999999", "GPU-6", "GPU-5fd4f087-86f3-7a43-b711-4771313afc500"}) {
+  for (const char* none : {"2", "99999999999999999999", "GPU-6", "GPU-5fd4f087-86f3-7a43-b711-4771313afc500"})
     check_refusal(runtime::find_gpu(gpus, none), ErrorCode::kDevice, "there is 0 GPU-5fd4f087");
-  }
   CHECK(refusal(runtime::find_gpu(gpus, "GPU-5fd")).message.find("several") != std::string::npos);
 
   for (const char* good : {"0", "17", "GPU-5", "gpu-5FD4f087-86f3"}) CHECK(runtime::names_gpu(good));
@@ -166,8 +162,7 @@ TEST_CASE("processes of a host take its GPUs in turn", "[device]") {
 
 TEST_CASE("a missing or old driver and a missing GPU are different errors", "[device]") {
   {
-    const Variable gpus("SCREE_EMULATED_GPU", "1");
-    const Variable driver("SCREE_EMULATED_DRIVER", "11080");
+    const Variable gpus("SCREE_EMULATED_GPU", "1"), driver("SCREE_EMULATED_DRIVER", "11080");
     CHECK(refusal(runtime::use_gpu()).message.find("too old: it runs CUDA up to 11.8, this program needs ") !=
           std::string::npos);
   }
@@ -181,8 +176,7 @@ TEST_CASE("a missing or old driver and a missing GPU are different errors", "[de
 
 TEST_CASE("a fallback to the CPU prints its reason in one line, and the GPU that drew is named", "[device]") {
   const TempFolder folder;
-  const std::string log = folder.file("log.txt");
-  const std::string packed = folder.file("a.scree");
+  const std::string log = folder.file("log.txt"), packed = folder.file("a.scree");
   REQUIRE(run_program({"convert", data_path("textured_cube.glb").string(), "-o", packed, "-q"}, log).exit_code == 0);
   struct Case {
     const char* gpus;
@@ -211,10 +205,9 @@ TEST_CASE("a fallback to the CPU prints its reason in one line, and the GPU that
   };
   for (const Case& one : cases) {
     CAPTURE(one.gpus, one.driver, one.says, one.words.size());
-    const Variable gpus("SCREE_EMULATED_GPU", one.gpus);
-    const Variable driver("SCREE_EMULATED_DRIVER", one.driver);
-    std::vector<std::string> words{"render", packed,      "-o", folder.file("a.png"), "--force", "--size",
-                                   "16x16",  "--threads", "2"};
+    const Variable gpus("SCREE_EMULATED_GPU", one.gpus), driver("SCREE_EMULATED_DRIVER", one.driver);
+    std::vector<std::string> words =
+        words_of("render " + packed + " -o " + folder.file("a.png") + " --force --size 16x16 --threads 2");
     words.insert(words.end(), one.words.begin(), one.words.end());
     const ProgramRun run = run_program(words, log);
     CAPTURE(run.output);

@@ -10,16 +10,12 @@
 #include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 #if defined(SCREE_EMULATED_CUDA)
@@ -29,10 +25,7 @@
 namespace scree::tests {
 namespace {
 
-using runtime::DeviceScene;
-using runtime::PictureNeeds;
-using runtime::Reading;
-using runtime::Scene;
+using namespace runtime;
 using tests::Frame;
 
 kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
@@ -103,13 +96,8 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
         return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
       };
       // Without a limit, the scene takes the memory of a resident one. With one byte less it is streamed.
-      const auto refused = refusal(upload(1));
-      const uint64_t least = least_device_memory(refused.message);
-      uint64_t resident = 0;
-      {
-        const DeviceScene free = must(upload(0));
-        resident = free.stats().device_bytes;
-      }
+      const uint64_t least = least_device_memory(refusal(upload(1)).message);
+      const uint64_t resident = must(upload(0)).stats().device_bytes;
       REQUIRE(resident > 0);
       std::vector<uint64_t> samples;
       for (const uint64_t budget : {resident, resident - 1, least, uint64_t{0}}) {
@@ -119,15 +107,14 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
         emulator::reset_peaks();
         DeviceScene device = must(upload(budget));
         const kernels::View view = view_of(scene, size.width, size.height);
-        Frame frame = must(Frame::draw(scene, view, size.samples, 2, &device, &shade));
+        Frame frame = must_draw(scene, view, size.samples, &device, &shade);
         streamed += device.stream_stats().has_value() ? 1 : 0;
         CHECK(device.stream_stats().has_value() == (budget != 0 && budget < resident));
         REQUIRE(frame.shade(shade, 2));
         REQUIRE(frame.read_samples());
-        const uint64_t peak = emulator::memory_of_gpu(0).peak;
-        CHECK(peak <= (budget == 0 ? resident : budget));
+        CHECK(emulator::memory_of_gpu(0).peak <= (budget == 0 ? resident : budget));
         if (samples.empty()) samples.assign(frame.samples().begin(), frame.samples().end());
-        CHECK(std::equal(samples.begin(), samples.end(), frame.samples().begin(), frame.samples().end()));
+        CHECK(std::ranges::equal(samples, frame.samples()));
       }
     }
   }
@@ -139,8 +126,7 @@ TEST_CASE("a streamed scene stays within its limit of pinned memory", "[cuda]") 
   const TempFolder folder;
   write_spheres(folder.file("a.scree"));
   const Scene scene = must_load(folder.file("a.scree"), {.threads = 2, .pages = false});
-  const auto refused = refusal(DeviceScene::upload(scene, 1, 2));
-  const uint64_t least = least_device_memory(refused.message);
+  const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2)).message);
   const auto upload = [&](uint64_t host) { return DeviceScene::upload(scene, least, 2, Reading::kAuto, 0, host); };
   const auto none = refusal(upload(1));
   CHECK(none.code == ErrorCode::kMemory);
@@ -151,7 +137,7 @@ TEST_CASE("a streamed scene stays within its limit of pinned memory", "[cuda]") 
     REQUIRE(emulator::pinned_memory().now == 0);
     emulator::reset_peaks();
     DeviceScene device = must(upload(host));
-    must(Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &device));
+    must_draw(scene, view_of(scene, 64, 48), 1, &device);
     REQUIRE(device.stream_stats());
     CHECK(emulator::pinned_memory().peak <= host);
   }

@@ -8,11 +8,8 @@
 
 #include "kernels/visbuffer.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
-#include "tests/runtime/small_scene.h"
 #include "tools/convert/convert.h"
 
 using namespace scree;
@@ -148,8 +145,7 @@ TEST_CASE("compressed pages draw the same picture as raw pages", "[renderer]") {
   const Scene decoded = must_load(packed);
   const View view = front_view(raw, 80, 40);
   const Frame a = draw(raw, view);
-  const Frame b = draw(decoded, view);
-  CHECK(std::equal(a.samples().begin(), a.samples().end(), b.samples().begin()));
+  CHECK(std::equal(a.samples().begin(), a.samples().end(), draw(decoded, view).samples().begin()));
   CHECK(raw.stats().decoded_bytes == 0);
 }
 
@@ -248,8 +244,7 @@ TEST_CASE("real models are equal with one thread and many, and fill their part o
     must(scree::convert::convert(convert));
     const Scene scene = must(load_file(path.string()));
     const View view = must_view(scene, {.width = 160, .height = 120});
-    const Frame one = draw(scene, view, 2, 1);
-    const Frame many = draw(scene, view, 2, 7);
+    const Frame one = draw(scene, view, 2, 1), many = draw(scene, view, 2, 7);
     CHECK(std::equal(one.samples().begin(), one.samples().end(), many.samples().begin()));
     const std::vector<uint8_t> picture = shade(one, {}, 1);
     CHECK(picture == shade(many, {}, 5));

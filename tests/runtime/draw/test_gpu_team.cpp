@@ -12,44 +12,29 @@
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
-#include "tests/runtime/images/block_files.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
+#include "tests/tools/block_model.h"
 #include "tests/tools/jpeg_model.h"
-#include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 namespace scree::tests {
 namespace {
 
 using kernels::View;
-using runtime::CudaScene;
-using runtime::DeviceScene;
-using runtime::GpuTeam;
-using runtime::Reading;
-using runtime::Scene;
+using namespace runtime;
 using tests::Frame;
 
 /// Writes meshes that are drawn twice, with clusters alone or in all encodings.
 void write_soup(const std::string& path, bool all_clustered) {
-  std::mt19937 random(29);
-  std::vector<std::pair<Soup, Encoding>> meshes;
-  for (int i = 0; i < 6; ++i) {
-    Encoding encoding;
-    encoding.float32 = !all_clustered && i % 3 == 0;
-    if (all_clustered || i % 3 == 1) encoding.clusters = Clusters::kClustered;
-    meshes.emplace_back(triangles_around(1200, random), encoding);
-  }
-  const PagedScene paged{.drawn_twice = true};
-  paged.write(path, meshes);
+  auto meshes = mixed_soups(6, 1200, 29);
+  if (all_clustered)
+    for (auto& [soup, encoding] : meshes) encoding = {.clusters = Clusters::kClustered};
+  PagedScene{.drawn_twice = true}.write(path, meshes);
 }
 
 /// A camera that moves in every second frame.
@@ -68,28 +53,7 @@ Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 
 
 std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View& view,
                              const kernels::ShadeOptions& options, uint32_t samples_per_side = 2) {
-  const Frame frame = must(Frame::draw(scene, view, samples_per_side, 2, &device, &options));
-  return must(frame.shade(options, 2));
-}
-
-/// Grids of `side` quads per side with textures of BC7, BC1 and plain texels.
-void make_block_model(const std::string& path, uint32_t side) {
-  using format::BlockFormat;
-  const FileBytes files[] = {
-      make_ktx2({.width = 1024, .height = 1024, .levels = 11, .scheme = 2}),
-      make_dds({.format = BlockFormat::kBc1, .width = 700, .height = 1300, .levels = 3, .seed = 2}, 71),
-      make_ktx2({.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 300, .height = 301, .seed = 3})};
-  ModelMaker maker(path);
-  for (size_t i = 0; i < std::size(files); ++i) {
-    GridSpec spec;
-    spec.columns = spec.rows = side;
-    spec.uv = true;
-    spec.origin = {1.1f * static_cast<float>(i), 0, 0};
-    const std::string number = std::to_string(i);
-    const uint32_t material = maker.textured("i" + number, format::ImageCodec::kBlocks, files[i]);
-    maker.node("n" + number, maker.mesh("m" + number, {maker.grid(spec, material)}));
-  }
-  maker.finish();
+  return must_picture(scene, view, samples_per_side, &device, options);
 }
 
 /// Draws `scene` on `team` and on one GPU: from afar, twice, and close. `whole`: the same scene with its pages in
@@ -126,8 +90,8 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   const EmulatedGpus emulated("9.0,9.0,9.0");
   const TempFolder folder;
   write_soup(folder.file("soup.scree"), false);
-  const Scene whole = must_load(folder.file("soup.scree"));
-  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  const Scene whole = must_load(folder.file("soup.scree")),
+              scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   DeviceScene alone = must(upload(scene, 1));
   // Each of several GPUs needs memory for one draw list more than a single GPU. With one byte less they share the
   // pages.
@@ -150,11 +114,10 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
       const View view = view_of(scene, i);
       const View on_team = omitting(view, team.set_omitted(omitted).value());
       const View on_one = omitting(view, alone.set_omitted(omitted).value());
-      const Frame expected = must(Frame::draw(whole, omitting(view, i == 3 ? omitted.data() : nullptr), 1, 2));
-      Frame drawn = must(Frame::draw(scene, on_team, 1, 2, &team));
+      const Frame expected = must_draw(whole, omitting(view, i == 3 ? omitted.data() : nullptr));
+      Frame drawn = must_draw(scene, on_team, 1, &team);
       REQUIRE(drawn.read_samples());
-      REQUIRE(std::equal(drawn.samples().begin(), drawn.samples().end(), expected.samples().begin(),
-                         expected.samples().end()));
+      REQUIRE(std::ranges::equal(drawn.samples(), expected.samples()));
       CHECK(drawn.stats().instances_drawn == expected.stats().instances_drawn);
       kernels::ShadeOptions options;
       const kernels::Show shows[] = {kernels::Show::kTexture, kernels::Show::kNormal, kernels::Show::kDepth};
@@ -178,20 +141,20 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
     const uint32_t* const bits = must(team.set_omitted(omitted));
     View hiding = view;
     hiding.omitted = omitted;
-    const Frame without = must(Frame::draw(whole, hiding, 1, 2));
+    const Frame without = must_draw(whole, hiding);
     hiding.omitted = bits;
     REQUIRE(team.draw(hiding));
     std::vector<uint64_t> seen(uint64_t{view.width} * view.height);
     REQUIRE(team.read_samples(seen));
-    CHECK(std::equal(seen.begin(), seen.end(), without.samples().begin(), without.samples().end()));
+    CHECK(std::ranges::equal(seen, without.samples()));
     // The first GPU draws a batch alone, from the pages of all GPUs.
     runtime::DeviceView batch = must(team.add_view(scene));
     const View views[] = {view_of(scene, 0), view_of(scene, 2)};
     REQUIRE(batch.draw_batch(scene, views, nullptr, [](size_t) { return Result<void>(); }));
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
     REQUIRE(batch.read_samples(samples));
-    const Frame expected = must(Frame::draw(whole, views[1], 1, 2));
-    CHECK(std::equal(samples.begin(), samples.end(), expected.samples().begin(), expected.samples().end()));
+    const Frame expected = must_draw(whole, views[1]);
+    CHECK(std::ranges::equal(samples, expected.samples()));
   }
 }
 
@@ -203,8 +166,8 @@ TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
   if (!has_gpus(2)) return;
   const TempFolder folder;
   write_soup(folder.file("soup.scree"), true);
-  const Scene whole = must_load(folder.file("soup.scree"));
-  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  const Scene whole = must_load(folder.file("soup.scree")),
+              scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   const std::vector<int> gpus = must(runtime::gpus_from(runtime::use_gpu()->index, 2));
   const uint64_t all_pages = CudaScene::device_bytes(scene, nullptr, runtime::kDeviceTextureCache);
   for (const uint64_t budget : {uint64_t{0}, all_pages, all_pages - 1}) {
@@ -221,7 +184,7 @@ TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
       const View view = view_of(scene, i);
       const uint64_t count = uint64_t{view.width} * view.height;
       kernels::DeviceBuffer samples = must(kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test"));
-      const Frame expected = must(Frame::draw(whole, view, 1, 2));
+      const Frame expected = must_draw(whole, view);
       const kernels::FrameStats drawn = must(team.draw(view, reinterpret_cast<uint64_t*>(samples.data())));
       CHECK(drawn.instances_drawn == expected.stats().instances_drawn);
       std::vector<uint64_t> read(count);
@@ -254,14 +217,12 @@ TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by s
     convert.output = folder.file("scene.scree");
     REQUIRE(convert::convert(convert));
     const Scene scene = must_load(convert.output, {.threads = 2, .pages = false});
-    DeviceScene alone = must(upload(scene, 1));
-    DeviceScene team = must(upload(scene, 2));
+    DeviceScene alone = must(upload(scene, 1)), team = must(upload(scene, 2));
     const View view = must_view(must_load(convert.output), {.width = 96, .height = 64});
     const std::vector<uint8_t> expected = picture(scene, alone, view, {});
     CHECK(picture(scene, team, view, {}) == expected);
     // Views take turns, and each is shaded as its own picture.
-    runtime::DeviceView one = must(team.add_view(scene));
-    runtime::DeviceView other = must(team.add_view(scene));
+    runtime::DeviceView one = must(team.add_view(scene)), other = must(team.add_view(scene));
     View seen = view;
     seen.width *= 2;
     seen.height *= 2;
@@ -293,7 +254,7 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
   const std::string kind = GENERATE("JPEGs", "decoded JPEGs", "blocks");
   // Two or more pages of geometry per GPU.
   if (kind == "blocks")
-    make_block_model(convert.input, scree::tests::kEmulatesGpu ? 30 : 160);
+    make_block_model(convert.input, large_block_files(3), kEmulatesGpu ? 30 : 160);
   else
     make_jpeg_model(convert.input, scree::tests::kEmulatesGpu ? 30 : 110);
   if (kind == "decoded JPEGs") convert.images.textures = convert::Textures::kRaw;
@@ -359,8 +320,7 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
     DeviceScene streamed = must(upload(scene, 2, least_device_memory(too_small)));
     CHECK(streamed.gpu_count() == 1);
     CHECK(streamed.is_streamed());
-    DeviceScene all = must(upload(scene, runtime::kAllGpus));
-    CHECK(all.gpu_count() == 2);
+    CHECK(must(upload(scene, runtime::kAllGpus)).gpu_count() == 2);
   }
   const EmulatedGpus emulated("9.0,8.0");
   CHECK(message(2, 0) ==

@@ -1,6 +1,5 @@
 // Split pages that a GPU joins while a scene is uploaded: the same bytes and the same errors as on the CPU.
 #include <algorithm>
-#include <cstring>
 #include <filesystem>
 #include <random>
 #include <string>
@@ -9,14 +8,12 @@
 
 #include "kernels/cuda/check.h"
 #include "runtime/draw/cuda_upload.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/damaged_page.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/tools/temp_folder.h"
+#include "tests/runtime/soup.h"
 #include "tools/convert/convert.h"
 
 #if defined(SCREE_EMULATED_CUDA)
@@ -27,9 +24,7 @@ namespace scree::tests {
 namespace {
 
 using format::SealedPage;
-using runtime::CudaScene;
-using runtime::Reading;
-using runtime::Scene;
+using namespace runtime;
 
 constexpr uint64_t kTextureCache = 1 << 20;
 
@@ -64,26 +59,15 @@ bool has_pages(const CudaScene& copy, const Scene& scene) {
   return true;
 }
 
-/// Meshes of clusters, one of them with attributes, and one of indexed chunks.
-std::vector<std::pair<Soup, Encoding>> some_meshes() {
-  Encoding clustered;
-  clustered.clusters = Clusters::kClustered;
-  Soup colored = sphere(20, 0.1);
-  for (size_t i = 0; i < colored.positions.size() / 3; ++i)
-    colored.colors.insert(colored.colors.end(), {0.25f, static_cast<float>(i % 7) / 7, 0.5f, 1});
-  return {{grid(60, 0.2), clustered}, {colored, clustered}, {grid(25, 0), {}}, {sphere(30, 0.1), clustered}};
-}
-
 }  // namespace
 
 TEST_CASE("a GPU joins the split pages of a scene", "[cuda][upload]") {
   if (!has_gpu()) return;
   const TempFolder folder;
-  PagedScene paged;
-  paged.zstd_every = 2;
+  PagedScene paged{.zstd_every = 2};
   for (const uint64_t page_bytes : {9000, 40000}) {
     paged.page_bytes = page_bytes;
-    paged.write(folder.file("a.scree"), some_meshes());
+    paged.write(folder.file("a.scree"), clustered_meshes(60));
     const Scene scene = must_load(folder.file("a.scree"), {.pages = false});
     REQUIRE(split_pages(scene) > 1);
     for (const Reading reading : {Reading::kMapped, Reading::kBuffered, Reading::kDirect}) {
@@ -140,15 +124,14 @@ TEST_CASE("damaged split pages give the same errors on the GPU and on the CPU", 
   const TempFolder folder;
   const std::string path = folder.file("bad.scree");
   std::mt19937 random(3);
-  PagedScene paged;
-  paged.zstd_every = 2;
+  PagedScene paged{.zstd_every = 2};
   paged.change = [&](uint32_t, SealedPage& page) {
     if (page.record.codec != format::PageCodec::kSplit || random() % 4 != 0) return;
     damage_split_page(page, random);
   };
   uint32_t refused = 0;
   for (int i = 0; i < 12; ++i) {
-    paged.write(path, some_meshes());
+    paged.write(path, clustered_meshes(60));
     Scene scene = must_load(path, {.pages = false});
     const Result<CudaScene> copy = upload(scene);
     const Result<void> loaded = scene.load_pages(2);

@@ -15,41 +15,26 @@
 #include "runtime/draw/stream_cuda.h"
 #include "runtime/scene/camera.h"
 #include "runtime/stream/chunk_source.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
 #include "tests/runtime/stream/visible_chunks.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using namespace scree::runtime;
 using namespace scree::tests;
-using scree::kernels::ShadeOptions;
-using scree::kernels::Show;
-using scree::kernels::View;
+using namespace scree::kernels;
 
 namespace {
 
 /// Nine meshes drawn twice, of all encodings.
 void write_soup(const std::string& path) {
-  std::mt19937 random(11);
-  std::vector<std::pair<Soup, Encoding>> meshes;
-  for (int i = 0; i < 9; ++i) {
-    Encoding encoding;
-    encoding.float32 = i % 3 == 0;
-    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
-    meshes.emplace_back(scree::tests::triangles_around(1500, random), encoding);
-  }
-  const PagedScene paged{.drawn_twice = true};
-  paged.write(path, meshes);
+  PagedScene{.drawn_twice = true}.write(path, mixed_soups(9, 1500, 11));
 }
 
 }  // namespace
@@ -67,16 +52,8 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
   for (int i = 0; i < 40; ++i) {
     const double middle[3] = {3 * unit(random), 3 * unit(random), 3 * unit(random)};
     Soup cloud;
-    for (int t = 0; t < 20; ++t) {
-      uint32_t at[3];
-      for (uint32_t& c : at)
-        c = cloud.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
-      cloud.triangle(at[0], at[1], at[2]);
-    }
-    Encoding encoding;
-    encoding.float32 = i % 3 == 0;
-    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
-    meshes.emplace_back(cloud, encoding);
+    for (int t = 0; t < 20; ++t) add_triangle(cloud, middle, 0.1, random);
+    meshes.emplace_back(cloud, encoding_of(i));
   }
   const TempFolder folder;
   PagedScene paged;
@@ -86,16 +63,13 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
   std::optional<CudaScene> device;
   kernels::CudaVisibleChunks on_device;
   if (has_gpu) {
-    CudaScene uploaded = must(CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0));
-    device.emplace(std::move(uploaded));
+    device.emplace(must(CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0)));
     REQUIRE(on_device.open(scene.view(), device->view()));
   } else {
     WARN("skipped: no GPU; the host's part alone");
   }
 
-  size_t hidden = 0;
-  size_t outside = 0;
-  size_t cut = 0;
+  size_t hidden = 0, outside = 0, cut = 0;
   for (int i = 0; i < 40; ++i) {
     View view = must_view(scene, {.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)},
                                   .target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1},
@@ -132,13 +106,13 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
 
     const std::span<const uint32_t> nearest = must(on_device.find_nearest(view));
     const std::vector<uint32_t> order = runtime::order_by_depth(nearest);
-    REQUIRE(std::equal(order.begin(), order.end(), on_host.near_to_far().begin(), on_host.near_to_far().end()));
+    REQUIRE(std::ranges::equal(order, on_host.near_to_far()));
     kernels::DeviceBuffer copy = must(kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test"));
     REQUIRE(cudaMemcpy(copy.data(), samples.data(), copy.bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
     REQUIRE(on_device.start_finding_shown(reinterpret_cast<const uint64_t*>(copy.data())));
     REQUIRE(cudaDeviceSynchronize() == cudaSuccess);
     const std::span<const uint32_t> shown = on_device.shown();
-    REQUIRE(std::equal(shown.begin(), shown.end(), expected.begin(), expected.end()));
+    REQUIRE(std::ranges::equal(shown, expected));
   }
   CHECK(hidden > 40);
   CHECK(outside > 40);
@@ -188,13 +162,12 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
   if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
   write_soup(folder.file("soup.scree"));
-  const Scene whole = must_load(folder.file("soup.scree"));
-  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  const Scene whole = must_load(folder.file("soup.scree")),
+              scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
 
   const std::vector<uint32_t> omitted = scree::tests::random_omitted(scene.view().instance_count, 4);
 
-  uint64_t all = 0;
-  uint64_t largest = 0;
+  uint64_t all = 0, largest = 0;
   for (const uint64_t bytes : runtime::ChunkSource(scene).chunk_bytes()) {
     all += bytes;
     largest = std::max(largest, bytes);
@@ -219,24 +192,17 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
         View on_device = view;
         if (i == 3) {
           view.omitted = omitted.data();
-          const uint32_t* const brought = must(device.set_omitted(omitted));
-          on_device.omitted = brought;
+          on_device.omitted = must(device.set_omitted(omitted));
         }
         ShadeOptions shade{.show = i % 3 == 2 ? Show::kNormal : Show::kColor, .ssao = i == 3};
         const uint32_t side = i == 4 ? 2 : 1;
-        const Frame expected = must(Frame::draw(whole, view, side, 2));
-        Frame frame = must(Frame::draw(scene, on_device, side, 2, &device, &shade));
+        const Frame expected = must_draw(whole, view, side);
+        Frame frame = must_draw(scene, on_device, side, &device, &shade);
         REQUIRE(device.stream_stats());
-        const auto picture = frame.shade(shade, 2);
-        const auto reference = expected.shade(shade, 2);
-        REQUIRE(frame.read_samples());
-        REQUIRE(std::equal(frame.samples().begin(), frame.samples().end(), expected.samples().begin(),
-                           expected.samples().end()));
-        REQUIRE(picture);
-        REQUIRE(reference);
-        REQUIRE(picture->size() == reference->size());
         // Shading uses floats, which need not be equal bit for bit on the CPU and the GPU.
-        for (size_t p = 0; p < picture->size(); ++p) REQUIRE(std::abs((*picture)[p] - (*reference)[p]) <= 1);
+        REQUIRE(differing(must(frame.shade(shade, 2)), must(expected.shade(shade, 2))) == 0);
+        REQUIRE(frame.read_samples());
+        REQUIRE(std::ranges::equal(frame.samples(), expected.samples()));
       }
     }
   }
@@ -251,13 +217,8 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
   camera.eye = runtime::Vec3{3, 1, 5};
   camera.target = runtime::Vec3{0, 0, 0};
   const View view = must_view(whole, camera);
-  const ShadeOptions shade;
-  Frame a = must(Frame::draw(scene, view, 2, 2, &resident));
-  Frame b = must(Frame::draw(scene, view, 2, 2, &streamed, &shade));
-  const std::vector<uint8_t> from_resident = must(a.shade(shade, 2));
-  const std::vector<uint8_t> from_streamed = must(b.shade(shade, 2));
+  CHECK(must_picture(scene, view, 2, &resident) == must_picture(scene, view, 2, &streamed));
   CHECK_FALSE(resident.stream_stats());
-  CHECK(from_resident == from_streamed);
 }
 
 TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU", "[cuda][stream]") {
@@ -266,31 +227,24 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
   const bool is_blended = GENERATE(false, true);  // false: all encodings, including float32
   std::string path = folder.file("soup.scree");
   if (is_blended) {
-    scree::convert::ConvertOptions options = scree::tests::options_of(folder);
-    options.input = scree::tests::data_path("materials.gltf").string();
+    scree::convert::ConvertOptions options =
+        scree::tests::options_of(folder, scree::tests::data_path("materials.gltf"));
     options.chunk_triangles = 1;
     scree::tests::must_convert(options);
     path = options.output;
   } else {
     write_soup(path);
   }
-  const Scene whole = must_load(path);
-  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  const Scene whole = must_load(path), scene = must_load(path, {.threads = 2, .pages = false});
   DeviceScene resident = must(DeviceScene::upload(scene, 0, 2));
   DeviceScene coming =
       must(DeviceScene::upload(scene, 0, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, 1, true));
   CHECK(coming.is_streamed());
   std::vector<runtime::DeviceView> views;
-  for (int i = 0; i < 2; ++i) {
-    runtime::DeviceView added = must(coming.add_view(scene));
-    views.push_back(std::move(added));
-  }
+  for (int i = 0; i < 2; ++i) views.push_back(must(coming.add_view(scene)));
   const View view = must_view(whole, {.width = 90, .height = 60});
   const ShadeOptions shade;
-  const auto picture_of = [&](DeviceScene& device) {
-    const Frame frame = must(Frame::draw(scene, view, 1, 2, &device, &shade));
-    return must(frame.shade(shade, 2));
-  };
+  const auto picture_of = [&](DeviceScene& device) { return must_picture(scene, view, 1, &device, shade); };
   const std::vector<uint8_t> expected = picture_of(resident);
   // This picture does not wait, and draws fewer chunks.
   REQUIRE(coming.draw(view, nullptr, &shade, [] { return true; }));
@@ -313,7 +267,7 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
   CHECK_FALSE(coming.resolve(view, 1, shade, pixels));  // its picture was streamed, so it cannot be shaded again
   for (int i = 0; i < 2; ++i) CHECK(picture_of(coming) == expected);
   CHECK_FALSE(coming.stream_stats());
-  const Frame on_cpu = must(Frame::draw(whole, view, 1, 2));
+  const Frame on_cpu = must_draw(whole, view);
   std::vector<uint64_t> samples(on_cpu.samples().size());
   const std::vector<View> two(2, view);
   for (runtime::DeviceView& drawn : views) {
@@ -357,19 +311,13 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
       }
       const View view = must_view(decoded, camera);
       const uint32_t side = i == 0 ? 2 : 1;
-      const ShadeOptions shade;
-      const Frame expected = must(Frame::draw(decoded, view, side, 2, &resident));
-      const Frame found = must(Frame::draw(scene, view, side, 2, &streamed, &shade));
-      REQUIRE(streamed.stream_stats());
-      CHECK(streamed.stream_stats()->streamed_bytes > 0);
-      const std::vector<uint8_t> from_resident = must(expected.shade(shade, 2));
-      const std::vector<uint8_t> from_streamed = must(found.shade(shade, 2));
-      CHECK(from_streamed == from_resident);
+      CHECK(must_picture(scene, view, side, &streamed) == must_picture(decoded, view, side, &resident));
+      CHECK(must(streamed.stream_stats()).streamed_bytes > 0);
     }
   }
   // The least memory, which the error states, is enough for any requested cache.
-  const auto refused = refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20));
-  const uint64_t least = scree::tests::least_device_memory(refused.message);
+  const uint64_t least = scree::tests::least_device_memory(
+      refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20)).message);
   CHECK(DeviceScene::upload(scene, least, 2, Reading::kAuto, uint64_t{1} << 20));
   CHECK_FALSE(DeviceScene::upload(scene, least - 1, 2, Reading::kAuto, uint64_t{1} << 20));
 }

@@ -11,16 +11,13 @@
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/stream_joins.h"
 #include "runtime/stream/chunk_source.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/damaged_page.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
-#include "tests/tools/temp_folder.h"
 
 #if defined(SCREE_EMULATED_CUDA)
 #include "tests/emulator/machine.h"
@@ -31,26 +28,14 @@ namespace {
 
 using format::SealedPage;
 using kernels::View;
-using runtime::DeviceScene;
-using runtime::Reading;
-using runtime::Scene;
-using runtime::StreamJoins;
+using namespace runtime;
 using tests::Frame;
 
 constexpr Encoding kClusters{.clusters = Clusters::kClustered};
 
-/// Clusters, some of them with colours behind them, and indexed chunks.
-std::vector<std::pair<Soup, Encoding>> joined_meshes() {
-  Soup colored = sphere(20, 0.1);
-  for (size_t i = 0; i < colored.positions.size() / 3; ++i)
-    colored.colors.insert(colored.colors.end(), {0.25f, static_cast<float>(i % 7) / 7, 0.5f, 1});
-  return {{grid(40, 0.2), kClusters}, {colored, kClusters}, {grid(25, 0), {}}, {sphere(30, 0.1), kClusters}};
-}
-
 /// The bytes of the drawn chunks in split pages, and in all pages.
 std::pair<uint64_t, uint64_t> joinable_bytes(const Scene& scene) {
-  uint64_t split = 0;
-  uint64_t all = 0;
+  uint64_t split = 0, all = 0;
   const std::vector<uint64_t> bytes = runtime::ChunkSource(scene).chunk_bytes();
   for (uint64_t c = 0; c < bytes.size(); ++c) {
     const format::PageRecord& page = scene.container().pages()[scene.container().chunks()[c].page];
@@ -66,11 +51,10 @@ Result<DeviceScene> upload_with_joins(const Scene& scene, uint64_t host_memory =
 }
 
 bool draws_as_cpu(DeviceScene& device, const Scene& scene, const Scene& whole, const View& view) {
-  const Frame expected = must(Frame::draw(whole, view, 1, 2));
-  Frame frame = must(Frame::draw(scene, view, 1, 2, &device));
+  const Frame expected = must_draw(whole, view);
+  Frame frame = must_draw(scene, view, 1, &device);
   must(frame.read_samples());
-  return std::equal(frame.samples().begin(), frame.samples().end(), expected.samples().begin(),
-                    expected.samples().end());
+  return std::ranges::equal(frame.samples(), expected.samples());
 }
 
 }  // namespace
@@ -79,16 +63,14 @@ TEST_CASE("a GPU joins the split pages of streamed chunks", "[cuda][stream]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
-  PagedScene paged;
-  paged.drawn_twice = true;
+  PagedScene paged{.drawn_twice = true};
   for (const uint64_t page_bytes : {9000, 40000}) {
     for (const uint32_t zstd_every : {1u, 2u}) {
       CAPTURE(page_bytes, zstd_every);
       paged.page_bytes = page_bytes;
       paged.zstd_every = zstd_every;
-      paged.write(path, joined_meshes());
-      const Scene whole = must_load(path);
-      const Scene scene = must_load(path, {.threads = 2, .pages = false});
+      paged.write(path, clustered_meshes(40));
+      const Scene whole = must_load(path), scene = must_load(path, {.threads = 2, .pages = false});
       const auto [split, all] = joinable_bytes(scene);
       REQUIRE(split > 0);
       CHECK((zstd_every == 1 || split < all));
@@ -124,9 +106,7 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("large.scree");
-  PagedScene paged;
-  paged.page_bytes = 3000;
-  paged.zstd_every = 1;
+  PagedScene paged{.page_bytes = 3000, .zstd_every = 1};
   std::mt19937 random(3);
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 3; ++i) {
@@ -134,8 +114,7 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
     meshes.emplace_back(triangles_around(4500, random), Encoding{.float32 = true});
   }
   paged.write(path, meshes);
-  const Scene whole = must_load(path);
-  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  const Scene whole = must_load(path), scene = must_load(path, {.threads = 2, .pages = false});
   const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
   const auto [split, all] = joinable_bytes(scene);
   // An eighth of this memory is for joins.
@@ -150,8 +129,7 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
     camera.eye = runtime::Vec3{i % 2 == 0 ? 4.0 : -4.0, 1, i % 2 == 0 ? 6.0 : -6.0};
     camera.target = runtime::Vec3{0, 0, 0};
     CHECK(draws_as_cpu(device, scene, whole, must_view(whole, camera)));
-    REQUIRE(device.stream_stats());
-    joined += device.stream_stats()->joined_bytes;
+    joined += must(device.stream_stats()).joined_bytes;
   }
   CHECK(joined > split);
 }
@@ -202,17 +180,13 @@ TEST_CASE("chunks are joined behind the moves of all earlier loads", "[cuda][str
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("moved.scree");
-  PagedScene paged;
-  paged.page_bytes = 3000;
-  paged.zstd_every = 1;
-  paged.image_every = 10000;
+  PagedScene paged{.page_bytes = 3000, .zstd_every = 1, .image_every = 10000};
   std::mt19937 random(5);
   std::vector<std::pair<Soup, Encoding>> meshes;  // of one chunk each
   for (int i = 0; i < 800; ++i)
     meshes.emplace_back(grid(static_cast<uint32_t>(2 + random() % 11), 0.01 * (i % 40)), kClusters);
   paged.write(path, meshes);
-  const Scene whole = must_load(path);
-  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  const Scene whole = must_load(path), scene = must_load(path, {.threads = 2, .pages = false});
   const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
   // An eighth of this memory is for joins.
   const uint64_t more = 8 * (uint64_t{24} << 10);
@@ -237,13 +211,11 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
   const TempFolder folder;
   const std::string path = folder.file("bad.scree");
   std::mt19937 random(3);
-  const std::vector<std::pair<Soup, Encoding>> meshes = joined_meshes();
+  const std::vector<std::pair<Soup, Encoding>> meshes = clustered_meshes(40);
   uint32_t refused = 0;
   std::set<uint64_t> accepted;
   for (int i = 0; i < (kEmulatesGpu ? 30 : 300); ++i) {
-    PagedScene paged;
-    paged.zstd_every = 1;
-    paged.image_every = 1000;
+    PagedScene paged{.zstd_every = 1, .image_every = 1000};
     const uint32_t damaged = random() % 8;
     paged.change = [&](uint32_t number, SealedPage& page) {
       if (page.record.codec != format::PageCodec::kSplit || number % 8 != damaged) return;
@@ -269,10 +241,7 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
       continue;
     }
     ++refused;
-    const Result<uint64_t> rest = device.load_rest();
-    REQUIRE_FALSE(rest);
-    CHECK(rest.error().message == loaded.error().message);
-    CHECK(rest.error().code == loaded.error().code);
+    check_refusal(device.load_rest(), loaded.error());
     // Afterwards the scene does not count as loaded.
     CHECK(device.is_streamed());
     CHECK(refusal(device.load_rest()).message == loaded.error().message);

@@ -13,11 +13,8 @@
 #include "runtime/scene/camera.h"
 #include "runtime/stream/streamer.h"
 #include "runtime/threads/job_thread.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using namespace scree::runtime;
@@ -139,17 +136,14 @@ class Account final : public StreamTarget {
   }
 
   std::mt19937 random_;
-  std::vector<uint32_t> pool_;
-  std::vector<uint32_t> codes_;
-  std::vector<uint32_t> in_the_end_;
-  std::vector<uint32_t> shown_;
+  std::vector<uint32_t> pool_, codes_;
+  std::vector<uint32_t> in_the_end_, shown_;
   std::vector<uint32_t> listed_;
   std::deque<Residency::Batch> started_;
   size_t carried_out_ = 0;  // number of executed batches
   std::vector<Residency::Place> part_;
   PartOptions options_{};
-  std::set<uint32_t> loaded_;
-  std::set<uint32_t> drawn_;
+  std::set<uint32_t> loaded_, drawn_;
   std::set<uint32_t> likely_seen_;
   std::vector<size_t> drawn_before_;  // by load: number of chunks drawn before it
   uint32_t fails_at_ = 0;
@@ -168,8 +162,7 @@ struct Chunks {
     }
     const PagedScene paged{.chunk_triangles = 8};
     paged.write(folder.file("chunks.scree"), {{soup, Encoding{}}});
-    Scene opened = must(Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false}));
-    scene.emplace(std::move(opened));
+    scene.emplace(must(Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false})));
     view =
         must_view(*scene, {.eye = runtime::Vec3{0, 0, 5}, .target = runtime::Vec3{0, 0, 0}, .width = 16, .height = 16});
     for (uint64_t c = 0; c < scene->view().chunk_count; ++c) {
@@ -193,13 +186,11 @@ TEST_CASE("a streamer draws each visible chunk once, from its place, whenever lo
   REQUIRE(count > 200);
   std::mt19937 random(4);
   const auto below = [&](uint32_t most) { return static_cast<uint32_t>(random() % most); };
-  uint64_t moved = 0;
-  uint64_t merged = 0;
+  uint64_t moved = 0, merged = 0;
   for (const uint64_t pool : {uint64_t{3500}, chunks.all / 10, chunks.all / 3, chunks.all / 2, 2 * chunks.all}) {
     Account account(pool, static_cast<uint32_t>(pool));
     Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
-    std::vector<uint32_t> codes(count);
-    std::vector<uint32_t> in_the_end(count);
+    std::vector<uint32_t> codes(count), in_the_end(count);
     for (int frame = 0; frame < 24; ++frame) {
       if (frame % 3 == 0) {
         for (uint32_t c = 0; c < count; ++c) {
@@ -217,8 +208,7 @@ TEST_CASE("a streamer draws each visible chunk once, from its place, whenever lo
       }
       account.check_all_drawn();
       REQUIRE(stats->streamed_bytes + stats->hidden_bytes == stats->missing_bytes);
-      uint64_t loaded = 0;
-      uint64_t needed = 0;
+      uint64_t loaded = 0, needed = 0;
       for (const uint32_t chunk : account.loaded()) {
         loaded += chunks.bytes[chunk];
         if (in_the_end[chunk] != kNotInView) needed += chunks.bytes[chunk];
@@ -276,8 +266,7 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
       REQUIRE(there == chunks.all);
     }
     REQUIRE(account.begin(chunks.view, nullptr));
-    const Streamer::Rest rest = must(streamer.load_rest(account));
-    CHECK((rest.left_bytes == 0) == (pool >= chunks.all));
+    CHECK((must(streamer.load_rest(account)).left_bytes == 0) == (pool >= chunks.all));
   }
   CHECK(ended > 20);
 }
@@ -286,8 +275,7 @@ TEST_CASE("chunks that were visible last are loaded while resident chunks are dr
           "[streamer]") {
   Chunks chunks;
   const auto count = static_cast<uint32_t>(chunks.bytes.size());
-  std::vector<uint32_t> codes(count);
-  std::vector<uint32_t> in_the_end(count);
+  std::vector<uint32_t> codes(count), in_the_end(count);
   uint64_t needed = 0;
   for (uint32_t c = 0; c < count; ++c) {
     codes[c] = c;
@@ -298,8 +286,7 @@ TEST_CASE("chunks that were visible last are loaded while resident chunks are dr
   Account account(pool, 1);
   account.set_view(codes, in_the_end);
   Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
-  const StreamStats first = must(streamer.draw(chunks.view, nullptr, account));
-  CHECK(first.streamed_bytes >= needed);
+  CHECK(must(streamer.draw(chunks.view, nullptr, account)).streamed_bytes >= needed);
   // Without an earlier frame, one batch is loaded before any depths are computed, and two while they are computed.
   CHECK(account.drawn_before_first() == 0);
   CHECK(account.drawn_before_fourth() > 0);

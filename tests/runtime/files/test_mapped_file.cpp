@@ -15,7 +15,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
@@ -52,8 +51,7 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
     REQUIRE(WIFEXITED(status));
     return WEXITSTATUS(status);
   };
-  const int share_of_owner = share_of(true);
-  const int share = share_of(false);
+  const int share_of_owner = share_of(true), share = share_of(false);
   CAPTURE(share_of_owner, share);
   CHECK(share_of_owner <= 100);
   CHECK(share <= 100);
@@ -67,8 +65,7 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
   ::close(probe);
   if (has_probes && share_of_owner < 50) CHECK(share < 50);
   // Cached pages are found.
-  const std::string bytes = scree::tests::read_whole(path);
-  CHECK(bytes.size() == 16u << 20);
+  CHECK(scree::tests::read_whole(path).size() == 16u << 20);
   CHECK(share_of(false) > 90);
 }
 
@@ -79,8 +76,7 @@ TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file
   text[9999] = 'z';
   std::ofstream(path) << text;
   for (const Access access : {Access::kNormal, Access::kSequential}) {
-    MappedFile opened = must(MappedFile::open(path, access));
-    MappedFile file = std::move(opened);
+    MappedFile file = must(MappedFile::open(path, access));
     MappedFile other;
     other = std::move(file);
     REQUIRE(other.size() == text.size());

@@ -15,12 +15,8 @@
 namespace scree::tests {
 
 struct BasisRecipe {
-  uint32_t width = 37;
-  uint32_t height = 22;
-  uint32_t levels = 2;
-  bool has_alpha = true;
-  bool is_grey = false;
-  bool has_plain_selectors = false;
+  uint32_t width = 37, height = 22, levels = 2;
+  bool has_alpha = true, is_grey = false, has_plain_selectors = false;
   std::string swizzle{};
   uint32_t seed = 1;
 };

@@ -41,12 +41,9 @@ struct BlockRecipe {
   uint32_t vk_format = 145;  // BC7_UNORM
   uint32_t model = 134;      // of the data format descriptor
   format::BlockFormat format = format::BlockFormat::kBc7;
-  uint32_t width = 8;
-  uint32_t height = 8;
-  uint32_t levels = 1;
+  uint32_t width = 8, height = 8, levels = 1;
   uint32_t scheme = 0;  // 0 none, 2 zstd, 3 zlib
-  std::string swizzle{};
-  std::string orientation{};
+  std::string swizzle{}, orientation{};
   uint32_t seed = 1;
   uint32_t channel = 0;         // of the first sample,
   uint32_t second_channel = 0;  // and of a second one if not 0, for models without a VkFormat

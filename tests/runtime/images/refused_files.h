@@ -4,7 +4,6 @@
 #include <span>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/runtime/images/block_files.h"
 

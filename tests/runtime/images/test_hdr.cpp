@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/results.h"
 
@@ -30,9 +29,7 @@ Result<std::vector<float>> read_all(std::span<const std::byte> file) {
 }
 
 ErrorCode code_of(const std::string& file) {
-  const auto read = read_all(bytes_of(file));
-  REQUIRE(!read);
-  return read.error().code;
+  return refusal(read_all(bytes_of(file))).code;
 }
 
 /// A row of 8 pixels. The first channel has 3 plain bytes and a run of 5; each other channel is one run.

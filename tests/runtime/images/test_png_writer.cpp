@@ -1,13 +1,10 @@
 #include "runtime/images/png_writer.h"
 
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <string>
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 

@@ -4,10 +4,7 @@
 #include <cmath>
 
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
-#include "tests/runtime/small_scene.h"
 
 using namespace scree;
 using namespace scree::runtime;
@@ -87,8 +84,7 @@ TEST_CASE("a camera node gives the view, regardless of its scale", "[camera]") {
     CHECK(project(view, {4, 3, 0})[1] == Approx(1 / (5 * std::tan(0.5))));
   }
   options.fov_degrees = 90;
-  const View wide = must(view_of(scene, options));
-  CHECK(wide.half_height == Approx(1));
+  CHECK(must(view_of(scene, options)).half_height == Approx(1));
 }
 
 TEST_CASE("a camera's rotation is normalised like an instance's", "[camera]") {
@@ -104,8 +100,7 @@ TEST_CASE("a camera's rotation is normalised like an instance's", "[camera]") {
   const Scene scene = must_load(with_cameras());
   for (const char* name : {"Eye", "Flat"}) {
     const CameraOptions options{.camera = name};
-    const View view = must(view_of(scaled, options));
-    const View expected = must(view_of(scene, options));
+    const View view = must(view_of(scaled, options)), expected = must(view_of(scene, options));
     for (size_t i = 0; i < 3; ++i) {
       CHECK(view.forward[i] == Approx(expected.forward[i]).margin(1e-12));
       CHECK(view.up[i] == Approx(expected.up[i]).margin(1e-12));
@@ -189,8 +184,7 @@ TEST_CASE("the near plane is tiny inside the scene's box, and larger far away", 
   CHECK(inside.z_near < 1e-5);
   CHECK(inside.z_near > 0);
   options.eye = Vec3{0, 0, 1000};
-  const View far = must(view_of(scene, options));
-  CHECK(far.z_near == Approx(10));
+  CHECK(must(view_of(scene, options)).z_near == Approx(10));
 }
 
 TEST_CASE("the default view shows the whole scene, tightly and in the middle", "[camera]") {

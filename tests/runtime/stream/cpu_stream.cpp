@@ -1,6 +1,5 @@
 #include "tests/runtime/stream/cpu_stream.h"
 
-#include <algorithm>
 #include <cstring>
 #include <new>
 #include <utility>

@@ -16,8 +16,7 @@ constexpr uint32_t kFree = 0;
 
 /// Checks the blocks: they cover the pool, no two neighbours are free, and each unit has the right owner.
 void check_blocks(const BlockPool& pool, const std::vector<uint32_t>& owners) {
-  uint64_t at = 0;
-  uint64_t free_units = 0;
+  uint64_t at = 0, free_units = 0;
   bool was_free = false;
   for (uint32_t block = pool.first(); block != BlockPool::kNone; block = pool.next(block)) {
     REQUIRE(pool.offset(block) == at);
@@ -37,8 +36,7 @@ void check_blocks(const BlockPool& pool, const std::vector<uint32_t>& owners) {
 }
 
 uint64_t largest_gap(const std::vector<uint32_t>& owners) {
-  uint64_t largest = 0;
-  uint64_t run = 0;
+  uint64_t largest = 0, run = 0;
   for (const uint32_t owner : owners) {
     run = owner == kFree ? run + 1 : 0;
     largest = std::max(largest, run);
@@ -50,8 +48,7 @@ uint64_t largest_gap(const std::vector<uint32_t>& owners) {
 
 TEST_CASE("blocks are allocated, freed and moved together", "[residency]") {
   std::mt19937 random(11);
-  uint32_t refused = 0;
-  uint32_t moves = 0;
+  uint32_t refused = 0, moves = 0;
   for (int round = 0; round < 60; ++round) {
     const uint64_t units = 1 + random() % 3000;
     const uint32_t most = 1 + static_cast<uint32_t>(random() % (random() % 2 == 0 ? 20 : 500));

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "runtime/stream/shared_room.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/speed.h"
 
@@ -32,9 +31,10 @@ uint64_t room_of(uint64_t bytes) {
 class Checked {
  public:
   Checked(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes)
-      : chunk_bytes_(std::move(chunk_bytes)), seen_(chunk_bytes_.size()), units_(pool_bytes / Residency::kAlignment) {
-    Residency made = must(Residency::create(pool_bytes, chunk_bytes_));
-    residency_.emplace(std::move(made));
+      : chunk_bytes_(std::move(chunk_bytes)),
+        last_sights_(chunk_bytes_.size()),
+        units_(pool_bytes / Residency::kAlignment) {
+    residency_.emplace(must(Residency::create(pool_bytes, chunk_bytes_)));
   }
 
   struct Frame {
@@ -49,7 +49,7 @@ class Checked {
   Frame frame(const std::vector<uint32_t>& visible, uint64_t batch_bytes, bool ahead, std::mt19937& random,
               uint32_t hide_one_of = 0) {
     ++number_;
-    for (uint32_t rank = 0; rank < visible.size(); ++rank) seen_[visible[rank]] = {number_, rank};
+    for (uint32_t rank = 0; rank < visible.size(); ++rank) last_sights_[visible[rank]] = {number_, rank};
     Frame out;
     std::set<uint32_t> to_draw(visible.begin(), visible.end());
     std::set<uint32_t> loaded;
@@ -123,7 +123,7 @@ class Checked {
   const Residency& residency() const { return *residency_; }
 
  private:
-  struct Seen {
+  struct LastSight {
     uint64_t frame = 0;
     uint32_t rank = 0;
   };
@@ -168,12 +168,11 @@ class Checked {
                        missing.begin() + static_cast<ptrdiff_t>(batch.loads.size())));
 
     // The order of the evicted chunks is the promised one.
-    std::vector<uint32_t> gone;
-    std::vector<uint32_t> kept;
+    std::vector<uint32_t> gone, kept;
     for (const uint32_t chunk : resident_) (residency_->is_resident(chunk) ? kept : gone).push_back(chunk);
     const auto before = [&](uint32_t a, uint32_t b) {
-      if (seen_[a].frame != seen_[b].frame) return seen_[a].frame < seen_[b].frame;
-      return seen_[a].rank > seen_[b].rank;
+      if (last_sights_[a].frame != last_sights_[b].frame) return last_sights_[a].frame < last_sights_[b].frame;
+      return last_sights_[a].rank > last_sights_[b].rank;
     };
     uint64_t gone_bytes = 0;
     for (const uint32_t chunk : gone) {
@@ -224,7 +223,7 @@ class Checked {
   }
 
   std::vector<uint64_t> chunk_bytes_;
-  std::vector<Seen> seen_;
+  std::vector<LastSight> last_sights_;
   std::vector<uint32_t> units_;  // chunk + 1
   std::optional<Residency> residency_;
   std::set<uint32_t> resident_;
@@ -250,8 +249,7 @@ TEST_CASE("random frames in random pools keep the promises of Residency", "[resi
     std::vector<uint64_t> bytes(count);
     const bool uneven = random() % 2 == 0;
     for (uint64_t& chunk : bytes) chunk = uneven && random() % 3 == 0 ? random() % 40 : random() % 9000;
-    uint64_t largest = 0;
-    uint64_t all = 0;
+    uint64_t largest = 0, all = 0;
     for (const uint64_t chunk : bytes) {
       largest = std::max(largest, room_of(chunk));
       all += room_of(chunk);
@@ -340,8 +338,7 @@ TEST_CASE("sizes above 32 bits are kept", "[residency]") {
 TEST_CASE("give_way_next() sets the order of eviction, and evicted chunks leave contiguous room", "[residency]") {
   constexpr uint64_t kUnit = Residency::kAlignment;
   constexpr uint32_t kChunks = 12;
-  Residency made = must(Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit)));
-  Residency residency = std::move(made);
+  Residency residency = must(Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit)));
   std::vector<uint32_t> first(kChunks);
   std::iota(first.begin(), first.end(), 0u);
   residency.begin_frame(first);
@@ -408,8 +405,7 @@ TEST_CASE("cost of choosing chunks", "[.bench][residency]") {
   Residency residency = must(Residency::create(pool, bytes));
   const auto frame = [&](const std::string& name, const std::vector<uint32_t>& visible) {
     const double start = scree::tests::cpu_seconds();
-    uint64_t loaded = 0;
-    uint64_t moved = 0;
+    uint64_t loaded = 0, moved = 0;
     uint32_t batches = 0;
     std::deque<std::vector<Residency::Place>> undrawn{residency.begin_frame(visible)};
     while (!undrawn.empty() || !residency.missing().empty()) {

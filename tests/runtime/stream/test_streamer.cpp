@@ -10,24 +10,19 @@
 #include <vector>
 
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/soup.h"
 #include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
-#include "tests/tools/model_maker.h"
 
 using namespace scree;
 using namespace scree::runtime;
 using namespace scree::tests;
-using scree::kernels::ShadeOptions;
-using scree::kernels::Show;
-using scree::kernels::View;
+using namespace scree::kernels;
 
 namespace {
 
@@ -58,8 +53,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   std::uniform_real_distribution<double> unit(0, 1);
   const double reach = random() % 2 == 0 ? 1.2 : 0.2;  // outside, or close
   runtime::CameraOptions options;
-  runtime::Vec3 eye;
-  runtime::Vec3 target;
+  runtime::Vec3 eye, target;
   for (size_t i = 0; i < 3; ++i) {
     const double side = std::max(box.max[i] - box.min[i], 0.5);
     eye[i] = box.min[i] + side * (unit(random) * (1 + 2 * reach) - reach);
@@ -70,8 +64,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   options.fov_degrees = 25 + 90 * unit(random);
   options.width = width;
   options.height = height;
-  const View made = must(runtime::make_view(scene, options));
-  View view = made;
+  View view = must(runtime::make_view(scene, options));
   if (random() % 4 == 0) {
     double size = 0;
     for (size_t i = 0; i < 3; ++i) size = std::max(size, box.max[i] - box.min[i]);
@@ -88,10 +81,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
 ShadeOptions shade_options(uint32_t number) {
   constexpr Show kShows[] = {Show::kTexture, Show::kTexture,  Show::kColor, Show::kUv,   Show::kNormal,  Show::kTexture,
                              Show::kCluster, Show::kTriangle, Show::kStage, Show::kMesh, Show::kTexture, Show::kDepth};
-  ShadeOptions options;
-  options.show = kShows[number % std::size(kShows)];
-  options.ssao = number % 3 == 1;
-  options.edl = number % 5 == 1;
+  ShadeOptions options{.show = kShows[number % std::size(kShows)], .ssao = number % 3 == 1, .edl = number % 5 == 1};
   options.light = number % 7 != 3;
   options.background[3] = number % 2 == 0 ? 1.0f : 0.25f;
   options.background[1] = 0.5f;
@@ -113,16 +103,13 @@ class Compared {
 
   /// Draws both and compares them. `view`: in pixels.
   StreamStats draw(CpuStream& stream, const View& view, uint32_t samples_per_side, const ShadeOptions& shade) const {
-    const Frame expected = must(Frame::draw(whole_, view, samples_per_side, 2));
+    const Frame expected = must_draw(whole_, view, samples_per_side);
     View fine = view;
     fine.width *= samples_per_side;
     fine.height *= samples_per_side;
     const StreamStats stats = must(stream.draw_frame(fine, &shade));
-    REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected.samples().begin(),
-                       expected.samples().end()));
-    const std::vector<uint8_t> picture = must(stream.picture(samples_per_side));
-    const std::vector<uint8_t> whole = must(expected.shade(shade, 2));
-    REQUIRE(picture == whole);
+    REQUIRE(std::ranges::equal(stream.samples(), expected.samples()));
+    REQUIRE(must(stream.picture(samples_per_side)) == must(expected.shade(shade, 2)));
     REQUIRE(stats.streamed_bytes + stats.hidden_bytes == stats.missing_bytes);
     // Layers of blended surfaces add chunks that are missing for them.
     if (whole_.view().blend_masks == nullptr) REQUIRE(stats.missing_bytes <= stats.seen_bytes);
@@ -130,15 +117,11 @@ class Compared {
   }
 
  private:
-  Scene whole_;
-  Scene paged_;
+  Scene whole_, paged_;
 };
 
 struct Totals {
-  uint64_t frames = 0;
-  uint64_t streamed = 0;
-  uint64_t hidden = 0;
-  uint64_t moved = 0;
+  uint64_t frames = 0, streamed = 0, hidden = 0, moved = 0;
 };
 
 /// Compares paths of random cameras, with pools from the least size to one that holds everything. Each view comes
@@ -182,13 +165,13 @@ void make_layers(const std::string& path) {
   const uint32_t hills = maker.mesh("hills", {maker.grid(spec, pictured)});
   for (int i = 0; i < 9; ++i) maker.node("h" + std::to_string(i), hills, {1.0 * (i % 3), -0.02 * i, 1.0 * (i / 3)});
   const GridSpec ground{.columns = 12, .rows = 12, .size = 6, .origin = {-1.5f, -1, -1.5f}, .flat = true};
-  maker.node("ground", maker.mesh("ground", {maker.grid(ground)}));
+  maker.draw("ground", {maker.grid(ground)});
   GridSpec deep = ground;
   deep.columns = deep.rows = 40;
   deep.size = 4;
   deep.origin = {-0.5f, -3, -0.5f};
   deep.color = true;
-  maker.node("deep", maker.mesh("deep", {maker.grid(deep)}));
+  maker.draw("deep", {maker.grid(deep)});
   maker.finish();
 }
 
@@ -209,9 +192,7 @@ Soup random_soup(uint32_t triangles, std::mt19937& random) {
     const auto corner = [&] {
       return soup.add(x + 0.15 * unit(random), y + 0.15 * unit(random), z + 0.15 * unit(random));
     };
-    const uint32_t a = corner();
-    const uint32_t b = corner();
-    const uint32_t c = corner();
+    const uint32_t a = corner(), b = corner(), c = corner();
     soup.triangle(a, b, c);
   }
   return soup;
@@ -249,12 +230,7 @@ TEST_CASE("streamed pictures equal the whole scene's: one encoding each", "[stre
 TEST_CASE("streamed pictures equal the whole scene's: mixed encodings in pages of several chunks", "[streamer]") {
   std::mt19937 random(5);
   std::vector<std::pair<Soup, Encoding>> meshes;
-  for (int i = 0; i < 6; ++i) {
-    Encoding encoding;
-    encoding.float32 = i % 3 == 0;
-    if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
-    meshes.emplace_back(random_soup(500, random), encoding);
-  }
+  for (int i = 0; i < 6; ++i) meshes.emplace_back(random_soup(500, random), encoding_of(i));
   const TempFolder folder;
   const PagedScene paged{.chunk_triangles = 120, .drawn_twice = true};
   paged.write(folder.file("mixed.scree"), meshes);
@@ -273,8 +249,7 @@ TEST_CASE("streamed pictures equal the whole scene's: JPEG textures decoded on d
 
 /// out.scree: a file of tests/data with a chunk per triangle.
 static void convert_by_triangles(const char* name, const TempFolder& folder) {
-  convert::ConvertOptions options = scree::tests::options_of(folder);
-  options.input = scree::tests::data_path(name).string();
+  convert::ConvertOptions options = scree::tests::options_of(folder, scree::tests::data_path(name));
   options.chunk_triangles = 1;
   scree::tests::must_convert(options);
 }
@@ -295,7 +270,7 @@ TEST_CASE("pictures that do not wait for all chunks end with the whole picture",
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   const Compared scene = convert_layers(folder, options);
   const View view = must_view(scene.whole(), {.width = 97, .height = 61});
-  const Frame whole = must(Frame::draw(scene.whole(), view, 1, 2));
+  const Frame whole = must_draw(scene.whole(), view);
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
   const ShadeOptions shade;
   uint64_t left = UINT64_MAX;
@@ -380,8 +355,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
   // On one turn around the scene, about half of it is visible at a time.
-  uint64_t streamed = 0;
-  uint64_t seen = 0;
+  uint64_t streamed = 0, seen = 0;
   runtime::CameraOptions camera{.fov_degrees = 50, .width = 120, .height = 80};
   constexpr int kSteps = 24;
   for (int i = 0; i < kSteps; ++i) {
@@ -422,8 +396,7 @@ TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") 
   // From below, the one-sided ground hides nothing.
   camera.eye = runtime::Vec3{1.5, -2, 1.5};
   camera.target = runtime::Vec3{1.5, -3, 1.49};
-  const View under = must_view(scene.whole(), camera);
-  CHECK(scene.draw(*stream, under, 1, shade_options(0)).streamed_bytes > 0);
+  CHECK(scene.draw(*stream, must_view(scene.whole(), camera), 1, shade_options(0)).streamed_bytes > 0);
 }
 
 TEST_CASE("a still camera with a small pool streams the missing chunks, and near chunks stay", "[streamer]") {

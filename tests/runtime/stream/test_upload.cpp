@@ -24,11 +24,8 @@
 #include "format/geometry/split_streams.h"
 #include "runtime/files/direct_file.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/bench/file_cache.h"
 
 using namespace scree;
@@ -96,10 +93,10 @@ class SlowDevice final : public scree::runtime::UploadTarget {
   uint64_t join_count() const { return joins_; }
 
   /// The first misuse of the device; empty if there was none.
-  std::string complaint() {
+  std::string first_error() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!queue_.empty()) return "copies are still under way";
-    return complaint_;
+    return first_error_;
   }
   const std::vector<std::byte>& arena() const { return arena_; }
   /// The largest number of writes to a byte of [from, from + bytes).
@@ -112,12 +109,11 @@ class SlowDevice final : public scree::runtime::UploadTarget {
   static constexpr std::align_val_t kAlignment{4096};
   struct Copy {
     uint32_t slot;
-    uint64_t to;
-    uint64_t bytes;
+    uint64_t to, bytes;
   };
 
   void complain(const char* text) {
-    if (complaint_.empty()) complaint_ = text;
+    if (first_error_.empty()) first_error_ = text;
   }
 
   void work() {
@@ -148,9 +144,8 @@ class SlowDevice final : public scree::runtime::UploadTarget {
   std::condition_variable changed_;
   std::vector<bool> pending_;
   std::deque<Copy> queue_;
-  std::string complaint_;
-  uint64_t copies_ = 0;
-  uint64_t joins_ = 0;
+  std::string first_error_;
+  uint64_t copies_ = 0, joins_ = 0;
   bool stopping_ = false;
   std::byte* ring_;
   std::thread worker_;
@@ -158,8 +153,7 @@ class SlowDevice final : public scree::runtime::UploadTarget {
 
 /// Two meshes on a lattice and one of floats, in small chunks.
 std::vector<std::pair<Soup, Encoding>> some_meshes() {
-  Encoding floats;
-  floats.float32 = true;
+  Encoding floats{.float32 = true};
   return {{scree::tests::grid(60, 0.2), {}}, {scree::tests::sphere(30, 0.1), floats}, {scree::tests::grid(25, 0), {}}};
 }
 
@@ -170,7 +164,7 @@ Scene open_scene(const std::string& path) {
 
 struct Attempt {
   Result<UploadCounts> result;
-  std::string complaint;
+  std::string first_error;
   uint64_t joins = 0;
 };
 
@@ -181,16 +175,15 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
   std::mt19937 random(1);
   for (std::byte& byte : table) byte = static_cast<std::byte>(random());
   UploadPlan plan;
-  const uint64_t first = plan.add(table.data(), 100);
-  const uint64_t second = plan.add(table.data(), table.size());
+  const uint64_t first = plan.add(table.data(), 100), second = plan.add(table.data(), table.size());
   CHECK(plan.add(nullptr, 0) % 256 == 0);
   plan.add_pages(scene.drawn_pages());
   StagingSizes used = sizes;
   used.joins = joins;
   SlowDevice device(plan.bytes(), used, failing_copy);
   Result<UploadCounts> done = run_upload(plan, scene.file().map(), device, used, reading, threads);
-  const std::string complaint = device.complaint();
-  if (!done) return {done, complaint, device.join_count()};
+  const std::string first_error = device.first_error();
+  if (!done) return {done, first_error, device.join_count()};
   const auto arrived = [&](uint64_t offset, const std::byte* from, uint64_t bytes) {
     return std::memcmp(device.arena().data() + offset, from, bytes) == 0 && device.writes(offset, bytes) == 1;
   };
@@ -203,7 +196,7 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
     CHECK(plan.page_offset(i) % 4096 == 0);
     CHECK(arrived(plan.page_offset(i), raw.data(), raw.size()));
   }
-  return {done, complaint, device.join_count()};
+  return {done, first_error, device.join_count()};
 }
 
 /// All ways to divide the work: pages that are larger and smaller than a slot, more and fewer slots than threads.
@@ -238,7 +231,7 @@ void check_error(const std::string& path, const std::string& expected) {
       REQUIRE_FALSE(attempt.result);
       CHECK(attempt.result.error().code == loaded.code);
       CHECK(path + ": " + attempt.result.error().message == loaded.message);
-      CHECK(attempt.complaint == "");
+      CHECK(attempt.first_error == "");
     }
   });
 }
@@ -274,7 +267,7 @@ TEST_CASE("an upload copies every page and table to its place", "[upload]") {
   for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
     const Attempt attempt = upload(scene, sizes, reading, threads);
     REQUIRE(attempt.result);
-    CHECK(attempt.complaint == "");
+    CHECK(attempt.first_error == "");
     CHECK(attempt.result->pages == pages.size());
     CHECK(attempt.result->stored_bytes == expected.stored_bytes);
     CHECK(attempt.result->unpacked_bytes == expected.unpacked_bytes);
@@ -295,8 +288,7 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
     const Scene scene = open_scene(path);
     REQUIRE(scene.drawn_pages().size() == 2);
     REQUIRE(scene.drawn_pages().record(1).raw_bytes > 1u << 20);
-    const bool is_zstd = scene.drawn_pages().record(1).codec == scree::format::PageCodec::kZstd;
-    CHECK(is_zstd == (zstd_every == 1));
+    CHECK((scene.drawn_pages().record(1).codec == scree::format::PageCodec::kZstd) == (zstd_every == 1));
     UploadPlan plan;
     plan.add_pages(scene.drawn_pages());
     const uint64_t room = scree::format::align_up(scene.drawn_pages().record(1).raw_bytes, 4096);
@@ -308,7 +300,7 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
         for (const Reading reading : {Reading::kMapped, Reading::kBuffered, Reading::kDirect}) {
           const Attempt attempt = upload(scene, {slot_bytes, 3}, reading, threads);
           REQUIRE(attempt.result);
-          CHECK(attempt.complaint == "");
+          CHECK(attempt.first_error == "");
         }
       }
     }
@@ -319,20 +311,22 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
   const TempFolder folder;
   const std::string path = folder.file("bad.scree");
   PagedScene scene;
+  const auto check_written = [&](const std::string& words) {
+    scene.write(path, some_meshes());
+    check_error(path, words);
+  };
   SECTION("a checksum") {
     scene.change = [](uint32_t number, SealedPage& page) {
       if (number == 5 || number == 9) flip_byte(page, page.stored.size() / 2);
     };
-    scene.write(path, some_meshes());
-    check_error(path, "page 5: the checksum differs");
+    check_written("page 5: the checksum differs");
   }
   SECTION("a checksum of a compressed page") {
     scene.change = [](uint32_t number, SealedPage& page) {
       if (number == 6) REQUIRE(page.record.codec == scree::format::PageCodec::kZstd);
       if (number == 6 || number == 9) flip_byte(page, page.stored.size() - 1);
     };
-    scene.write(path, some_meshes());
-    check_error(path, "page 6: the checksum differs");
+    check_written("page 6: the checksum differs");
   }
   SECTION("a zstd frame whose stated and real content is too short") {
     scene.change = [](uint32_t number, SealedPage& page) {
@@ -343,8 +337,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
       page.record.stored_bytes = page.stored.size();
       page.record.checksum = scree::format::checksum(page.stored);
     };
-    scene.write(path, some_meshes());
-    check_error(path, "page 6: the zstd frame holds");
+    check_written("page 6: the zstd frame holds");
   }
   SECTION("a zstd frame whose blocks are damaged") {
     scene.change = [](uint32_t number, SealedPage& page) {
@@ -352,8 +345,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
       std::memset(page.stored.data() + 16, 0xff, page.stored.size() - 16);
       page.record.checksum = scree::format::checksum(page.stored);
     };
-    scene.write(path, some_meshes());
-    check_error(path, "page 6: zstd: ");
+    check_written("page 6: zstd: ");
   }
   SECTION("padding that is not zero") {
     scene.write(path, some_meshes());
@@ -374,8 +366,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
       std::memset(page.stored.data(), 0xff, 4000);
       page.record.checksum = scree::format::checksum(page.stored);
     };
-    scene.write(path, some_meshes());
-    check_error(path, "(page 5, byte 0): indices:");
+    check_written("(page 5, byte 0): indices:");
   }
   SECTION("a page larger than a slot, raw or compressed") {
     for (const uint32_t zstd_every : {1u, 1000u}) {
@@ -385,9 +376,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
       scene.change = [](uint32_t number, SealedPage& page) {
         if (number == 1) flip_byte(page, page.stored.size() - 1);
       };
-      scene.write(
-          path,
-          {{scree::tests::grid(90, 0.2), {}}, {scree::tests::grid(90, 0.2), {}}, {scree::tests::grid(90, 0.2), {}}});
+      scene.write(path, std::vector<std::pair<Soup, Encoding>>(3, {scree::tests::grid(90, 0.2), {}}));
       check_error(path, "page 1: the checksum differs");
     }
   }
@@ -396,10 +385,8 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
 TEST_CASE("pages that a device does not join are joined before they are copied", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("split.scree");
-  PagedScene scene;
-  scene.zstd_every = 2;
-  scree::tests::Encoding clustered;
-  clustered.clusters = scree::tests::Clusters::kClustered;
+  PagedScene scene{.zstd_every = 2};
+  scree::tests::Encoding clustered{.clusters = scree::tests::Clusters::kClustered};
   std::vector<std::pair<Soup, Encoding>> meshes = some_meshes();
   meshes[0].second = clustered;
   meshes[2].second = clustered;
@@ -413,7 +400,7 @@ TEST_CASE("pages that a device does not join are joined before they are copied",
   for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
     const Attempt attempt = upload(file, sizes, reading, threads, kNever, true);
     REQUIRE(attempt.result);
-    CHECK(attempt.complaint == "");
+    CHECK(attempt.first_error == "");
     // Pages have up to 9,000 bytes, and half of a slot is for jobs.
     CHECK((attempt.joins != 0) == (sizes.slot_bytes > 4096));
     if (sizes.slot_bytes > 16384) CHECK(attempt.result->joined_pages == split_pages);
@@ -446,7 +433,7 @@ TEST_CASE("a failing device ends an upload with its error and no copy under way"
       REQUIRE_FALSE(attempt.result);
       CHECK(attempt.result.error().code == ErrorCode::kDevice);
       CHECK(attempt.result.error().message == "the device is gone");
-      CHECK(attempt.complaint == "");
+      CHECK(attempt.first_error == "");
     }
   }
 }
@@ -529,8 +516,7 @@ TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
   const std::string path = folder.file("large.scree");
   const PagedScene paged{.page_bytes = 1 << 20, .chunk_triangles = 8192};
   paged.write(path, {{soup, scree::tests::float32()}});
-  const uint64_t bytes = std::filesystem::file_size(path);
-  REQUIRE(bytes > 6 << 20);
+  REQUIRE(std::filesystem::file_size(path) > 6 << 20);
 
   const Scene scene = open_scene(path);
   UploadPlan plan;
@@ -548,8 +534,7 @@ TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
     CHECK(choose_reading(plan, map, Reading::kAuto, stored + 1) == Reading::kBuffered);
     CHECK(choose_reading(plan, map, Reading::kBuffered, stored) == Reading::kBuffered);
   }
-  const double brought = must(scree::bench::bring_to_cache(path));
-  REQUIRE(brought > 0.9);
+  REQUIRE(must(scree::bench::bring_to_cache(path)) > 0.9);
   CHECK(choose_reading(plan, map, Reading::kAuto, stored) == Reading::kBuffered);
   CHECK(choose_reading(plan, map, Reading::kDirect, stored) == Reading::kDirect);
 }
@@ -568,5 +553,5 @@ TEST_CASE("a scene opened without its pages loads them on request", "[upload]") 
   std::vector<std::byte> unused;
   const auto kept = must(scene.page(page, unused));
   CHECK(kept.data() == scene.view().pages[page]);
-  CHECK(std::equal(kept.begin(), kept.end(), read.begin(), read.end()));
+  CHECK(std::ranges::equal(kept, read));
 }

@@ -7,9 +7,7 @@
 namespace scree::tests {
 namespace {
 
-using kernels::FrameView;
-using kernels::ScreenBounds;
-using kernels::Transform;
+using namespace kernels;
 
 constexpr uint64_t kInstancesAtATime = 512;
 

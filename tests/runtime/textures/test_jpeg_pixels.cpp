@@ -7,19 +7,14 @@
 #include <random>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tools/convert/images/jpeg_file.h"
 
 using namespace scree;
 using namespace scree::format;
-using scree::tests::GuardedBytes;
-using scree::tests::JpegSamples;
-using scree::tests::make_jpeg;
+using namespace scree::tests;
 using scree::tests::jpeg::Bytes;
 
 namespace {
@@ -30,8 +25,7 @@ JpegIndex must_index(const Bytes& bytes) {
 
 /// libjpeg upsamples only by whole factors.
 bool libjpeg_can_upsample(const JpegIndex& index) {
-  uint32_t h = 1;
-  uint32_t v = 1;
+  uint32_t h = 1, v = 1;
   for (uint32_t c = 0; c < index.component_count; ++c) {
     h = std::max<uint32_t>(h, index.components[c].h);
     v = std::max<uint32_t>(v, index.components[c].v);
@@ -72,8 +66,7 @@ uint64_t wrong_samples(const JpegIndex& index, const std::vector<JpegSamples>& p
           const uint32_t x0 = 8 * (mcu % picture.view.mcus_across * component.h + i % component.h);
           const uint32_t y0 = 8 * (mcu / picture.view.mcus_across * component.v + i / component.h);
           for (uint32_t k = 0; k < 64; ++k) {
-            const uint32_t x = x0 + k % 8;
-            const uint32_t y = y0 + k / 8;
+            const uint32_t x = x0 + k % 8, y = y0 + k / 8;
             if (x >= planes[c].width || y >= planes[c].height) continue;
             wrong += block[k] != planes[c].values[size_t{y} * planes[c].width + x];
           }
@@ -104,8 +97,7 @@ uint64_t wrong_places(const JpegIndex& index, const std::vector<uint8_t>& rgb) {
 }
 
 struct Difference {
-  uint64_t values = 0;
-  uint64_t unequal = 0;
+  uint64_t values = 0, unequal = 0;
   double squares = 0;
   int largest = 0;
 

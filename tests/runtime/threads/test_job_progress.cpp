@@ -8,7 +8,6 @@
 
 #include "runtime/threads/job_progress.h"
 #include "runtime/threads/parallel.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 
 namespace scree::tests {

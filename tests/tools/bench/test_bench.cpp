@@ -3,12 +3,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/csv.h"
-#include "tests/results.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/file_cache.h"
 #include "tools/bench/times.h"
@@ -22,8 +19,7 @@ namespace {
 /// A file of raw and compressed pages, every third one compressed.
 std::string paged_file(const TempFolder& folder) {
   const std::string path = folder.file("paged.scree");
-  tests::Encoding floats;
-  floats.float32 = true;
+  tests::Encoding floats{.float32 = true};
   tests::PagedScene{}.write(path, {{tests::grid(40, 0.2), {}}, {tests::grid(25, 0.1), floats}});
   return path;
 }
@@ -45,8 +41,7 @@ TEST_CASE("bench: the cached share of a file is measured", "[bench_tool]") {
   const TempFolder folder;
   const std::string path = folder.write("bytes", std::string(300'000, 'x'));
   const double brought = must(bring_to_cache(path));
-  const double found = must(cached_share(path));
-  CHECK(found == brought);
+  CHECK(must(cached_share(path)) == brought);
   const double dropped = must(drop_from_cache(path));
   CHECK(dropped >= 0);
   CHECK(dropped <= brought);
@@ -76,8 +71,8 @@ TEST_CASE("bench: times are reported by median, minimum, maximum and mean", "[be
 
 TEST_CASE("bench: frames are counted, and an error ends them", "[bench_tool]") {
   uint32_t drawn = 0;
-  const auto times = must(timed_frames(5, 3, [&]() -> Result<float> { return static_cast<float>(drawn++); }));
-  CHECK(times == std::vector<float>{3, 4, 5, 6, 7});
+  CHECK(must(timed_frames(5, 3, [&]() -> Result<float> { return static_cast<float>(drawn++); })) ==
+        std::vector<float>{3, 4, 5, 6, 7});
   CHECK(refusal(timed_frames(5, 0, [&]() -> Result<float> {
           return Error{ErrorCode::kDevice, "gone"};
         })).message == "gone");
@@ -110,12 +105,10 @@ TEST_CASE("bench: a file's loads and frames are measured on the CPU", "[bench_to
   CHECK(view.shade.minimum > 0);
   CHECK(view.first_ms > 0);
   CHECK_FALSE(view.streamed_bytes);
-  const FileResult again = must(measure_file(path, small_options(), false));
-  CHECK(again.views[0].picture == view.picture);
+  CHECK(must(measure_file(path, small_options(), false)).views[0].picture == view.picture);
   BenchOptions finer = small_options();
   finer.samples_per_side = 2;
-  const FileResult other = must(measure_file(path, finer, false));
-  CHECK(other.views[0].picture != view.picture);
+  CHECK(must(measure_file(path, finer, false)).views[0].picture != view.picture);
 
   BenchOptions options = small_options();
   options.cameras = {"nowhere"};
@@ -133,8 +126,7 @@ TEST_CASE("bench: the report has the file's loads and frames", "[bench_tool]") {
   file.loads[0].load = file.loads[0].first_picture = summarize(std::vector<float>{1500});
   file.loads[1].cached_share = 1;
   file.loads[1].load = file.loads[1].first_picture = summarize(std::vector<float>{500});
-  ViewResult view;
-  view.name = "front";
+  ViewResult view{.name = "front"};
   view.draw = view.shade = summarize(std::vector<float>{0.5});
   file.views.push_back(view);
   const std::string text = bench_text(report);
@@ -156,16 +148,11 @@ TEST_CASE("bench: the program prints tables or JSON and appends rows", "[bench_t
   const TempFolder folder;
   const std::string path = paged_file(folder);
   const std::string csv = folder.file("rows.csv");
-  std::vector<std::string> words{"bench", path,       "--backend", "cpu",    "--repeats", "1",     "--frames",
-                                 "2",     "--warmup", "0",         "--size", "32x32",     "--csv", csv};
-  const auto run = tests::run_program(words, folder.file("log"));
-  INFO(run.output);
-  REQUIRE(run.exit_code == 0);
+  const std::string line =
+      "bench " + path + " --backend cpu --repeats 1 --frames 2 --warmup 0 --size 32x32 --csv " + csv;
+  const auto run = tests::must_run(tests::words_of(line), folder.file("log"));
   CHECK(run.output.find("first picture s") != std::string::npos);
-  words.push_back("--json");
-  words.push_back("-q");
-  const auto json = tests::run_program(words, folder.file("log"));
-  REQUIRE(json.exit_code == 0);
+  const auto json = tests::must_run(tests::words_of(line + " --json -q"), folder.file("log"));
   CHECK(json.output.starts_with("{\"commit\":"));
   CHECK(json.output.ends_with("]}\n"));
   const std::vector<tests::CsvRow> rows = tests::read_csv(csv);
@@ -176,18 +163,10 @@ TEST_CASE("bench: the program prints tables or JSON and appends rows", "[bench_t
   CHECK(std::stod(rows[0].at("cache_load_ms")) > 0);
 
   // A damaged file gives render's error, after the results that were measured before.
-  words = {"bench",
-           "--backend",
-           "cpu",
-           "--repeats",
-           "1",
-           "--frames",
-           "1",
-           "--size",
-           "32x32",
-           path,
-           folder.write("cut.scree", tests::read_whole(path).substr(0, 9000))};
-  const auto cut = tests::run_program(words, folder.file("log"));
+  const std::string damaged = folder.write("cut.scree", tests::read_whole(path).substr(0, 9000));
+  const auto cut = tests::run_program(
+      tests::words_of("bench --backend cpu --repeats 1 --frames 1 --size 32x32 " + path + " " + damaged),
+      folder.file("log"));
   INFO(cut.output);
   CHECK(cut.exit_code == 3);
   CHECK(cut.output.find("cut.scree: ") != std::string::npos);

@@ -2,7 +2,6 @@
 #include <meshoptimizer.h>
 
 #include <algorithm>
-#include <cstdint>
 #include <map>
 #include <numeric>
 #include <random>
@@ -22,7 +21,7 @@ struct List {
   uint32_t vertices;
 };
 
-List grid(uint32_t side) {
+List grid_of(uint32_t side) {
   List list{"grid of " + std::to_string(side), {}, (side + 1) * (side + 1)};
   for (uint32_t y = 0; y < side; ++y) {
     for (uint32_t x = 0; x < side; ++x) {
@@ -66,7 +65,8 @@ List fan(uint32_t triangles) {
 
 TEST_CASE("triangles are in the order of meshoptimizer's FIFO optimiser", "[fifo_order]") {
   std::mt19937 random(1);
-  std::vector<List> lists{grid(60), shuffled(grid(90), random), fan(1000), grid(1), {"nothing", {}, 0}, grid(30)};
+  std::vector<List> lists{grid_of(60), shuffled(grid_of(90), random), fan(1000), grid_of(1), {"nothing", {}, 0},
+                          grid_of(30)};
   for (const uint32_t vertices : {1u, 2u, 5u, 40u, 3000u}) lists.push_back(random_list(1500, vertices, random));
   tools::FifoOrder fifo;  // one object for all lists: nothing may remain of the previous list
   for (const List& list : lists) {

@@ -1,7 +1,6 @@
 // Parsing of sizes, lengths and integers.
 #include "tools/common/options.h"
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/common/progress.h"
 

@@ -7,7 +7,6 @@
 #include <thread>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/common/prepare_ahead.h"
 

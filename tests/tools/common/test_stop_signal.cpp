@@ -5,20 +5,15 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
 #include <span>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include <unistd.h>
 
 #include "format/container/part_file.h"
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/common/stop_signal.h"
 
 namespace scree::tests {
@@ -49,8 +44,7 @@ std::string stop(const std::vector<std::string>& words, const std::string& log, 
 
 TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
   for (const std::string name : {"city.gltf", "city.glb"}) {
-    const TempFolder folder;
-    const TempFolder outside;
+    const TempFolder folder, outside;
     // Unstopped, this would write 7 GB or 2 GB.
     const std::string scale = name == "city.glb" ? "0.1" : "1";
     const auto has_part = [&] { return has_entry(folder, "city."); };
@@ -62,8 +56,7 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
 }
 
 TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
-  const TempFolder folder;
-  const TempFolder outside;
+  const TempFolder folder, outside;
   const std::string log = outside.file("log");
   const std::string model = data_path("textured_cube.glb").string();
   const std::string packed = outside.file("cube.scree");
@@ -80,8 +73,7 @@ TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
 }
 
 TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
-  const TempFolder folder;
-  const TempFolder outside;
+  const TempFolder folder, outside;
   REQUIRE(setenv("TMPDIR", folder.path().c_str(), 1) == 0);
   const auto has_files = [&] { return !files_below(folder.path()).empty(); };
   const std::string printed =
@@ -92,10 +84,8 @@ TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
 }
 
 TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
-  const TempFolder folder;
-  const TempFolder outside;
-  const std::string log = outside.file("log");
-  const std::string model = outside.file("city.gltf");
+  const TempFolder folder, outside;
+  const std::string log = outside.file("log"), model = outside.file("city.gltf");
   REQUIRE(run_program({"synth", "A", "--scale", "0.05", "-o", model}, log).exit_code == 0);
   const std::string packed = folder.file("city.scree");
   const auto has_part = [&] { return has_entry(folder, "city.scree.part"); };
@@ -108,8 +98,7 @@ TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
 }
 
 TEST_CASE("a second signal ends a command at once, removes its unfinished file and names the written ones", "[stop]") {
-  const TempFolder folder;
-  const TempFolder outside;
+  const TempFolder folder, outside;
   const std::string log = outside.file("log");
   const pid_t child = fork();
   REQUIRE(child >= 0);

@@ -5,11 +5,10 @@
 namespace {
 
 /// The error for one wrong argument of `scree draw`.
-std::string complaint(const char* word) {
+std::string message_for(const char* word) {
   CLI::App app("test", "scree");
   CLI::App* draw = app.add_subcommand("draw", "");
-  std::string size;
-  std::string camera;
+  std::string size, camera;
   draw->add_option("--size", size, "");
   draw->add_option("--camera", camera, "");
   const char* arguments[] = {"scree", "draw", word};
@@ -24,8 +23,8 @@ std::string complaint(const char* word) {
 }  // namespace
 
 TEST_CASE("an error for a mistyped option suggests the nearest option", "[suggest]") {
-  CHECK(complaint("--sise") == "unknown option --sise; did you mean --size?");
-  CHECK(complaint("--camra=3") == "unknown option --camra; did you mean --camera?");
-  CHECK(complaint("--background") == "unknown option --background");
-  CHECK(complaint("picture") == "unknown argument picture");
+  CHECK(message_for("--sise") == "unknown option --sise; did you mean --size?");
+  CHECK(message_for("--camra=3") == "unknown option --camra; did you mean --camera?");
+  CHECK(message_for("--background") == "unknown option --background");
+  CHECK(message_for("picture") == "unknown argument picture");
 }

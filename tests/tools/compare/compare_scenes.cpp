@@ -17,9 +17,7 @@
 namespace scree::tests {
 namespace {
 
-using convert::Accessor;
-using convert::Primitive;
-using convert::SourceScene;
+using namespace convert;
 using format::kNone;
 
 // Float arithmetic in between adds this to the stated errors.
@@ -370,9 +368,8 @@ class SceneComparison {
       const bool drawn = group != kNone && packed_.groups()[group].mesh_count != 0;
       same_number(place + ": mesh", drawn ? group : kNone,
                   is.group < group_of_mesh.size() ? group_of_mesh[is.group] : kNone);
-      for (size_t k = 0; k < 16; ++k) {
+      for (size_t k = 0; k < 16; ++k)
         close(place + ": world matrix", was_world[i][k], is_world[i][k], 1e-12 * (1 + std::abs(was_world[i][k])));
-      }
       compare_node_instances(place, drawn ? tests::all_instances(was) : std::vector<format::NodeInstanceRecord>{},
                              tests::all_instances(is));
     }

@@ -177,8 +177,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
     const Result<SourceTriangles> source = source_triangles(primitive, *positions);
     if (!source) return {source.error().message, 0, 0};
     if (source->kept_count == 0) continue;
-    const uint32_t group = stored_as[primitive.group];
-    const uint32_t place = kept[primitive.group]++;
+    const uint32_t group = stored_as[primitive.group], place = kept[primitive.group]++;
     if (place >= file.groups()[group].mesh_count) return {"meshes are missing", 0, 0};
     Comparison repeat;
     Comparison& into = group == primitive.group ? out : repeat;

@@ -1,5 +1,4 @@
 // Visibility buffers of differently encoded files of the same source.
-#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
@@ -8,20 +7,15 @@
 
 #include "kernels/visbuffer.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/compare/buffers.h"
 
 using namespace scree;
-using compare::PixelKind;
-using compare::PixelReport;
-using compare::SceneMatch;
+using namespace compare;
 
 namespace {
 
@@ -73,7 +67,7 @@ std::vector<uint64_t> draw(const runtime::Scene& scene) {
                                                       .target = runtime::Vec3{1.0, 0.0, 1.0},
                                                       .width = kWidth,
                                                       .height = kHeight});
-  const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
+  const auto frame = tests::must_draw(scene, view);
   return {frame.samples().begin(), frame.samples().end()};
 }
 
@@ -95,9 +89,7 @@ Error refused(const runtime::Scene& a, const runtime::Scene& b, const std::vecto
               const std::vector<uint64_t>& samples_b = {}) {
   const auto match = SceneMatch::match(a, b);
   if (!match) return match.error();
-  const auto width = static_cast<uint32_t>(samples_a.size());
-  const auto report = refusal(compare::compare_buffers(samples_a, samples_b, width, 1, &*match));
-  return report;
+  return refusal(compare::compare_buffers(samples_a, samples_b, static_cast<uint32_t>(samples_a.size()), 1, &*match));
 }
 
 void check_refused(const Error& error, ErrorCode code, const std::string& words) {
@@ -288,7 +280,7 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
   // A node with two primitives, and two nodes with one.
   const Source together([](tests::ModelMaker& maker) {
     const tests::GridSpec grid;
-    maker.node("both", maker.mesh("both", {maker.grid(grid), maker.grid(grid)}));
+    maker.draw("both", {maker.grid(grid), maker.grid(grid)});
   });
   const Source apart([](tests::ModelMaker& maker) {
     const uint32_t mesh = maker.mesh("one", {maker.grid({})});

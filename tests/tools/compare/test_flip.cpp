@@ -1,13 +1,11 @@
 // FLIP and PSNR: values of the authors' program, and values that follow from the paper's formulas.
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <filesystem>
 #include <vector>
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"

@@ -3,19 +3,12 @@
 #include <cmath>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/tools/compare/reference_fixture.h"
 #include "tools/compare/reference.h"
 
 using namespace scree;
-using compare::ReferenceInstance;
-using compare::ReferenceMesh;
-using compare::ReferencePixel;
-using tests::covered;
-using tests::deep_view;
-using tests::identity;
-using tests::kSquareCorners;
-using tests::pixel_view;
+using namespace scree::tests;
+using namespace compare;
 
 namespace {
 

@@ -9,27 +9,18 @@
 
 #include "kernels/raster/depth.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/compare/reference_fixture.h"
 #include "tests/tools/packed_file.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/compare/against_source.h"
 #include "tools/compare/reference_modes.h"
 #include "tools/compare/reference_shade.h"
 
 using namespace scree;
-using compare::ReferenceMesh;
-using compare::ReferenceMode;
-using compare::ReferencePixel;
-using tests::covered;
-using tests::deep_view;
-using tests::identity;
-using tests::kSquareCorners;
+using namespace scree::tests;
+using namespace compare;
 
 namespace {
 
@@ -177,9 +168,8 @@ TEST_CASE("the reference's colours equal those of kernels/", "[reference]") {
     const auto gltf = must(convert::import_gltf(source, {}));
     const auto model = must(compare::load_source_model(gltf, scene.container(), 0));
     const auto expected = must(compare::draw_reference(model.views, model.instances, view, 2));
-    const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
-    kernels::ShadeOptions shading;
-    shading.show = kernels::Show::kColor;
+    const auto frame = tests::must_draw(scene, view);
+    kernels::ShadeOptions shading{.show = kernels::Show::kColor};
     shading.background[3] = 1;
     const auto picture = must(frame.shade(shading, 2));
     const auto rgb = must(compare::shade_reference(model, expected, view, 1, 2));

@@ -6,19 +6,18 @@
 #include <limits>
 #include <map>
 #include <string>
-#include <utility>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/tools/compare/source_compare.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
+#include "tools/inspect/verify.h"
 
 namespace scree::tests {
 
 inline constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 inline constexpr float kInf = std::numeric_limits<float>::infinity();
 
+/// `input`: in the folder, or a whole path.
 inline convert::ConvertOptions options_of(const TempFolder& folder, const std::string& input = "in.glb") {
   convert::ConvertOptions options;
   options.input = folder.file(input);
@@ -31,6 +30,12 @@ inline convert::ConvertOptions options_of(const TempFolder& folder, const std::s
 
 inline convert::ConvertReport must_convert(const convert::ConvertOptions& options) {
   return must(convert::convert(options));
+}
+
+/// Converts, and returns the bytes of the file.
+inline std::string converted_bytes(const convert::ConvertOptions& options) {
+  must_convert(options);
+  return read_whole(options.output);
 }
 
 /// Converts with options.memory = `memory`. If that is refused, converts with the minimum that the error message
@@ -66,6 +71,24 @@ inline convert::ConvertReport must_match(const convert::ConvertOptions& options)
 
 inline PackedFile must_open(const std::string& path) {
   return must(open_packed(path));
+}
+
+/// Checks that the content of every page and image is valid.
+inline void must_verify(const PackedFile& packed) {
+  const inspect::VerifyReport report = inspect::verify(packed.file, packed.map.bytes(), 2);
+  for (const inspect::Failure& failure : report.failures) FAIL_CHECK(failure.error.message);
+  CHECK(report.failure_count == 0);
+  CHECK(report.images == packed.file.images().size());
+}
+inline void must_verify(const std::string& path) {
+  must_verify(must_open(path));
+}
+
+/// The sum of all chunks' bytes.
+inline uint64_t chunk_bytes(const format::Container& file) {
+  uint64_t sum = 0;
+  for (uint64_t i = 0; i < file.chunks().size(); ++i) sum += file.chunks()[i].bytes;
+  return sum;
 }
 
 /// The counts of left-out data, by name.

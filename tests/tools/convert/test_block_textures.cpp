@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <fstream>
 #include <optional>
 #include <random>
 #include <set>
@@ -19,17 +18,11 @@
 #include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "tests/gpu.h"
-#include "tests/results.h"
-#include "tests/runtime/frame.h"
 #include "tests/runtime/images/basis_files.h"
-#include "tests/runtime/images/block_files.h"
-#include "tests/runtime/load_scene.h"
+#include "tests/tools/block_model.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tests/tools/model_maker.h"
-#include "tests/tools/packed_file.h"
 #include "tests/tools/run_program.h"
 #include "tools/export/export.h"
-#include "tools/inspect/verify.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -38,44 +31,10 @@ using format::ImageCodec;
 
 namespace {
 
-/// Grids side by side, of `side` quads per side, each with one of the files as its texture.
-void make_block_model(const std::string& path, const std::vector<FileBytes>& files, uint32_t side = 4) {
-  tests::ModelMaker maker(path);
-  for (size_t i = 0; i < files.size(); ++i) {
-    tests::GridSpec spec;
-    spec.columns = spec.rows = side;
-    spec.uv = true;
-    spec.normal = side > 4;  // more bytes
-    spec.origin = {1.1f * static_cast<float>(i % 3), 0, 1.1f * static_cast<float>(i / 3)};
-    const std::string number = std::to_string(i);
-    const uint32_t material = maker.textured("i" + number, ImageCodec::kBlocks, files[i]);
-    maker.node("n" + number, maker.mesh("m" + number, {maker.grid(spec, material)}));
-  }
-  maker.finish();
-}
-
-std::vector<FileBytes> all_files() {
-  std::vector<FileBytes> files;
-  for (auto& [name, bytes] : tests::block_files()) files.push_back(std::move(bytes));
-  return files;
-}
-
-std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::DeviceScene* device = nullptr) {
-  const kernels::View view = tests::must_view(scene, {.width = width, .height = width * 2 / 3});
-  const auto frame = must(tests::Frame::draw(scene, view, 1, 2, device));
-  return must(frame.shade({}, 2));
-}
-
 std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
   std::vector<std::byte> blocks(format::block_rows(file.images()[image], level).bytes());
   must(runtime::load_block_level(file, image, level, blocks));
   return blocks;
-}
-
-uint64_t verify_failures(const std::string& path) {
-  const auto map = must(runtime::MappedFile::open(path));
-  const auto file = must(format::Container::open(map.bytes()));
-  return inspect::verify(file, map.bytes(), 2).failure_count;
 }
 
 }  // namespace
@@ -94,7 +53,7 @@ TEST_CASE("blocks and levels are stored unchanged", "[block_textures]") {
   options.images.textures = GENERATE(convert::Textures::kKeep, convert::Textures::kRaw);
   options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
-  CHECK(verify_failures(options.output) == 0);
+  tests::must_verify(options.output);
   const auto packed = must(tests::open_packed(options.output));
   const auto images = packed.file.images();
   REQUIRE(images.size() == 4);  // equal images once
@@ -106,9 +65,8 @@ TEST_CASE("blocks and levels are stored unchanged", "[block_textures]") {
     CHECK(images[i].height == recipe.height);
     CHECK(images[i].channels == 4);
     REQUIRE(images[i].level_count == recipe.levels - 1);
-    for (uint32_t l = 0; l < recipe.levels; ++l) {
+    for (uint32_t l = 0; l < recipe.levels; ++l)
       CHECK(stored_blocks(packed.file, i, l) == tests::level_blocks(recipe, l));
-    }
   }
   using enum format::ChannelSource;
   CHECK(images[0].swizzle == format::make_swizzle(kOne, kRed, kGreen, kOne));
@@ -125,7 +83,7 @@ TEST_CASE("a large level lies in several pages, small ones share one", "[block_t
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
-  CHECK(verify_failures(options.output) == 0);
+  tests::must_verify(options.output);
   const auto packed = must(tests::open_packed(options.output));
   const auto images = packed.file.images();
   REQUIRE(images.size() == 3);
@@ -181,12 +139,12 @@ TEST_CASE("pages of blocks are compressed if that saves bytes, unless --zstd dec
 
 TEST_CASE("stored levels are sampled as blocks, the others are made from the last stored level", "[block_textures]") {
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), all_files());
+  make_block_model(folder.file("in.glb"), all_block_files());
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const runtime::Scene scene = tests::must_load(options.output);
   const auto images = scene.container().images();
-  REQUIRE(scene.view().texture_count == all_files().size());
+  REQUIRE(scene.view().texture_count == all_block_files().size());
   for (uint64_t t = 0; t < scene.view().texture_count; ++t) {
     const kernels::TextureView& texture = scene.view().textures[t];
     const uint32_t image = scene.container().textures()[t].image;
@@ -235,8 +193,7 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   make_block_model(folder.file("in.glb"), files);
   convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
-  const auto packed = must(tests::open_packed(options.output));
-  must(tools::export_gltf(packed.file, folder.file("back.glb"), {}));
+  must(tools::export_gltf(must(tests::open_packed(options.output)).file, folder.file("back.glb"), {}));
   convert::ConvertOptions again = options;
   again.input = folder.file("back.glb");
   again.output = folder.file("again.scree");
@@ -244,7 +201,7 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   const runtime::Scene blocks = tests::must_load(options.output), pngs = tests::must_load(again.output);
   CHECK(blocks.container().images()[0].codec == ImageCodec::kBlocks);
   REQUIRE(pngs.container().images()[0].codec == ImageCodec::kPng);
-  for (const uint32_t width : {40u, 300u}) CHECK(draw(blocks, width) == draw(pngs, width));
+  for (const uint32_t width : {40u, 300u}) CHECK(draw_scene(blocks, width) == draw_scene(pngs, width));
 
   // As JPEGs they are similar.
   options.images.textures = convert::Textures::kJpeg;
@@ -252,7 +209,7 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   tests::must_convert(options);
   const runtime::Scene jpegs = tests::must_load(options.output);
   for (uint64_t i = 0; i < files.size(); ++i) CHECK(jpegs.container().images()[i].codec == ImageCodec::kIndexedJpeg);
-  CHECK(verify_failures(options.output) == 0);
+  tests::must_verify(options.output);
 }
 
 TEST_CASE("an unsupported KTX2 is an error of one line, or grey with --keep-going", "[block_textures][bad]") {
@@ -278,16 +235,6 @@ TEST_CASE("an unsupported KTX2 is an error of one line, or grey with --keep-goin
 
 namespace {
 
-/// Levels in one page and in several, of all block sizes, with and without the levels of the source.
-std::vector<FileBytes> large_files() {
-  return {
-      make_ktx2({.width = 1024, .height = 1024, .levels = 11, .scheme = 2}),
-      make_dds({.format = BlockFormat::kBc1, .width = 700, .height = 1300, .levels = 3, .seed = 2}, 71),
-      make_ktx2({.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 300, .height = 301, .seed = 3}),
-      make_ktx2({.vk_format = 9, .model = 1, .format = BlockFormat::kR8, .width = 513, .height = 700, .levels = 10}),
-      make_ktx2({.width = 64, .height = 64, .levels = 7, .seed = 4})};
-}
-
 /// The picture in linear light, with the default shading.
 std::vector<float> linear(const runtime::Scene& scene, const tests::Frame& frame, uint32_t samples) {
   std::vector<float> out(uint64_t{4} * frame.width() * frame.height());
@@ -302,7 +249,7 @@ std::vector<float> linear(const runtime::Scene& scene, const tests::Frame& frame
 
 TEST_CASE("a picture does not depend on the memory for pages of textures", "[block_textures][texel_pager]") {
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), large_files());
+  make_block_model(folder.file("in.glb"), large_block_files());
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
   const runtime::Reading reading = GENERATE(runtime::Reading::kAuto, runtime::Reading::kDirect);
@@ -311,7 +258,7 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   REQUIRE(whole.block_pager() == nullptr);
   for (const auto& [width, samples] : {std::pair{60u, 1u}, {60u, 4u}, {700u, 1u}, {500u, 2u}}) {
     const kernels::View view = tests::must_view(whole, {.width = width, .height = width * 2 / 3});
-    const auto frame = must(tests::Frame::draw(whole, view, samples, 2));
+    const auto frame = tests::must_draw(whole, view, samples);
     const auto expected = must(frame.shade({}, 2));
     const std::vector<float> light = linear(whole, frame, samples);
     uint64_t needed = 0;  // pages read with room for all
@@ -325,9 +272,8 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
       const uint64_t bytes = pager->all_bytes() + paged.stats().texture_bytes;
       CHECK(bytes <= whole.stats().texture_bytes);
       CHECK(bytes + 16 * 40 > whole.stats().texture_bytes);  // levels in memory begin at multiples of 16
-      const auto again = must(tests::Frame::draw(paged, view, samples, 2));
-      const auto found = must(again.shade({}, 2));
-      CHECK(found == expected);
+      const auto again = tests::must_draw(paged, view, samples);
+      CHECK(must(again.shade({}, 2)) == expected);
       const uint64_t read = pager->stats().read_pages;
       CHECK(pager->resident_bytes() <= memory);
       if (needed == 0) {
@@ -347,7 +293,7 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   // Less than a single pixel needs.
   const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
   const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
-  const auto frame = must(tests::Frame::draw(small, view, 1, 2));
+  const auto frame = tests::must_draw(small, view);
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kMemory);
   CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
@@ -371,24 +317,20 @@ TEST_CASE("a picture that does not wait for pages of textures uses pages that fi
       const runtime::Scene scene =
           tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .device_texture_memory = memory});
       std::optional<runtime::DeviceScene> device;
-      if (on_gpu) {
-        auto uploaded = must(runtime::DeviceScene::upload(scene, 0, 2));
-        device = std::move(uploaded);
-      }
+      if (on_gpu) device = must(runtime::DeviceScene::upload(scene, 0, 2));
       runtime::DeviceScene* const gpu = on_gpu ? &*device : nullptr;
       runtime::BlockPager* const pager = on_gpu ? gpu->block_pager() : scene.block_pager();
       REQUIRE(pager != nullptr);
-      const std::vector<uint8_t> exact = draw(scene, 700, gpu);
+      const std::vector<uint8_t> exact = draw_scene(scene, 700, gpu);
       pager->set_patience([] { return true; });
-      const std::vector<uint8_t> found = draw(scene, 700, gpu);
-      CHECK((found == exact) == fits);
+      CHECK((draw_scene(scene, 700, gpu) == exact) == fits);
       CHECK((pager->missing_bytes() == 0) == fits);
       CHECK(pager->missing_bytes() <= pager->all_bytes());
       CHECK(pager->resident_bytes() <= memory);
       pager->set_patience({});
-      CHECK(draw(scene, 700, gpu) == exact);
+      CHECK(draw_scene(scene, 700, gpu) == exact);
       CHECK(pager->missing_bytes() == 0);
-      if (!on_gpu) CHECK(exact == draw(whole, 700));
+      if (!on_gpu) CHECK(exact == draw_scene(whole, 700));
       memory = pager->resident_bytes() - 1;  // a page too few
     }
   }
@@ -434,7 +376,7 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
 
 TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  make_block_model(folder.file("in.glb"), {large_block_files()[0]});
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
@@ -447,7 +389,7 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
   CHECK_FALSE(runtime::Scene::open(options.output, {}));
   const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
   const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-  const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
+  const auto frame = tests::must_draw(scene, view);
   for (int time = 0; time < 2; ++time) {
     const auto refused = refusal(frame.shade({}, 2));
     CHECK(refused.code == ErrorCode::kChecksum);
@@ -458,24 +400,22 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
 TEST_CASE("block-compressed textures are equal on the GPU", "[cuda]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), all_files());
+  make_block_model(folder.file("in.glb"), all_block_files());
   convert::ConvertOptions options = tests::options_of(folder);
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   tests::must_convert(options);
   const runtime::Scene scene = tests::must_load(options.output);
   auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
   for (const uint32_t width : {60u, tests::kEmulatesGpu ? 150u : 900u}) {
-    const std::vector<uint8_t> on_cpu = draw(scene, width), on_gpu = draw(scene, width, &device);
-    uint64_t off = 0;
-    for (size_t i = 0; i < on_cpu.size(); ++i) off += std::abs(int{on_cpu[i]} - int{on_gpu[i]}) > 1;
-    CHECK(off <= on_cpu.size() / 10000);
+    const std::vector<uint8_t> on_cpu = draw_scene(scene, width);
+    CHECK(tests::differing(on_cpu, draw_scene(scene, width, &device)) <= on_cpu.size() / 10000);
   }
 }
 
 TEST_CASE("a GPU's picture does not depend on the memory for pages of textures", "[cuda][texel_pager]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), large_files());
+  make_block_model(folder.file("in.glb"), large_block_files());
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
@@ -484,7 +424,7 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
   auto all_there = must(runtime::DeviceScene::upload(whole, 0, 2));
   CHECK(all_there.block_pager() == nullptr);
   for (const uint32_t width : {60u, 700u}) {
-    const std::vector<uint8_t> expected = draw(whole, width, &all_there);
+    const std::vector<uint8_t> expected = draw_scene(whole, width, &all_there);
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{5} << 18}) {
       CAPTURE(width, memory);
       const runtime::Scene paged =
@@ -495,13 +435,13 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
       CHECK(pager->resident_bytes() == 0);
       const uint64_t spared = pager->all_bytes() - std::min(pager->all_bytes(), memory);
       CHECK(device.stats().device_bytes + spared < all_there.stats().device_bytes + (uint64_t{1} << 20));
-      CHECK(draw(paged, width, &device) == expected);
+      CHECK(draw_scene(paged, width, &device) == expected);
       const uint64_t read = pager->stats().read_pages;
       CHECK((read != 0) == (width > 100));
       CHECK(pager->resident_bytes() <= memory);
       CHECK(paged.block_pager()->stats().read_pages == 0);
       if (memory < uint64_t{1} << 40) continue;
-      CHECK(draw(paged, width, &device) == expected);  // a still camera's second picture reads nothing
+      CHECK(draw_scene(paged, width, &device) == expected);  // a still camera's second picture reads nothing
       CHECK(pager->stats().read_pages == read);
     }
   }
@@ -510,7 +450,7 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
 TEST_CASE("a GPU samples pages of textures in host memory that its room does not hold", "[cuda][texel_pager]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), large_files());
+  make_block_model(folder.file("in.glb"), large_block_files());
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const runtime::Scene whole = tests::must_load(options.output);
@@ -520,8 +460,7 @@ TEST_CASE("a GPU samples pages of textures in host memory that its room does not
     const double x = 0.5 + 1.1 * grid;
     const kernels::View view = tests::must_view(
         whole, {.eye = Vec3{x, 0.12, 0.5}, .target = Vec3{x + 0.02, 0, 0.42}, .width = 240, .height = 160});
-    const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device));
-    return must(frame.shade({}, 2));
+    return tests::must_picture(scene, view, 1, &device);
   };
   std::vector<std::vector<uint8_t>> expected;
   for (uint32_t i = 0; i < 3; ++i) expected.push_back(draw_near(whole, i, all_there));
@@ -555,21 +494,20 @@ TEST_CASE("a GPU samples pages of textures in host memory that its room does not
 TEST_CASE("pages of textures that are kept in host memory are checked", "[cuda][texel_pager][bad]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  make_block_model(folder.file("in.glb"), {large_block_files()[0]});
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = 1});
   tests::damage(options.output, scene.container().pages()[scene.block_pager()->file_pages()[1]].offset + 100);
-  const auto refused = refusal(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto,
-                                                            runtime::kDeviceTextureCache, uint64_t{1} << 30));
-  CHECK(refused.code == ErrorCode::kChecksum);
-  CHECK(refused.message.starts_with(options.output + ": page "));
+  check_refusal(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache,
+                                             uint64_t{1} << 30),
+                ErrorCode::kChecksum, options.output + ": page ");
 }
 
 TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pager]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), large_files(), 200);
+  make_block_model(folder.file("in.glb"), large_block_files(), 200);
   convert::ConvertOptions options = tests::options_of(folder);
   options.encoding = convert::Encoding::kIndexed;
   tests::must_convert(options);
@@ -582,9 +520,7 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
                                                                    .device_texture_memory = kUsual,
                                                                    .device_texture_limit = limit,
                                                                    .pages = false});
-    const kernels::ShadeOptions shade;
-    const auto refused = refusal(runtime::DeviceScene::upload(scene, 1, 2));
-    const uint64_t least = tests::least_device_memory(refused.message);
+    const uint64_t least = tests::least_device_memory(refusal(runtime::DeviceScene::upload(scene, 1, 2)).message);
     for (const uint64_t more : {uint64_t{3} << 18, uint64_t{3} << 19}) {
       if (tests::kEmulatesGpu && (more == uint64_t{3} << 18) != (limit == ~uint64_t{0})) continue;
       auto device = must(runtime::DeviceScene::upload(scene, least + more, 2));
@@ -600,10 +536,7 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
           camera.target = {0.52, 0, 0.42};
         }
         const kernels::View view = tests::must_view(whole, camera);
-        const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device, &shade));
-        const auto picture = must(frame.shade(shade, 2));
-        const auto expected = must(tests::Frame::draw(whole, view, 1, 2, &all_there));
-        CHECK(picture == must(expected.shade(shade, 2)));
+        CHECK(tests::must_picture(scene, view, 1, &device) == tests::must_picture(whole, view, 1, &all_there));
         CHECK(pager.resident_bytes() <= pager.room_bytes());
         CHECK(pager.room_bytes() <= std::max(limit, first_room));
         rooms.insert(pager.room_bytes());
@@ -617,7 +550,7 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
 TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of one line", "[cuda][texel_pager][bad]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
-  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  make_block_model(folder.file("in.glb"), {large_block_files()[0]});
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const auto refused = [&](uint64_t memory) {
@@ -625,7 +558,7 @@ TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of 
         tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = memory});
     auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-    const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device));
+    const auto frame = tests::must_draw(scene, view, 1, &device);
     const auto shaded = refusal(frame.shade({}, 2));
     CHECK_FALSE(frame.shade({}, 2));
     return shaded;

@@ -10,12 +10,8 @@
 #include "format/geometry/chunk_layout.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
-#include "tests/results.h"
-#include "tests/tools/compare/source_compare.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/common/ordered_pool.h"
 
 using namespace scree;
@@ -102,8 +98,7 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
   without.output = folder.file("without.scree");
   must_match(with);
   must_convert(without);
-  const tests::PackedFile a = must_open(with.output);
-  const tests::PackedFile b = must_open(without.output);
+  const tests::PackedFile a = must_open(with.output), b = must_open(without.output);
   REQUIRE(a.file.chunks().size() == b.file.chunks().size());
   tools::ChunkReader read_a(a.file), read_b(b.file);
   for (uint64_t i = 0; i < a.file.chunks().size(); ++i) {
@@ -122,7 +117,7 @@ TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
     large.columns = 700;
     large.rows = 400;
     large.color = true;
-    maker.node("large", maker.mesh("large", {maker.grid(large)}));
+    maker.draw("large", {maker.grid(large)});
     for (int i = 0; i < 300; ++i) {  // more meshes than a batch of small ones
       const GridSpec small{.columns = 1 + static_cast<uint32_t>(i) % 7, .size = 1 + static_cast<float>(i)};
       maker.node("small " + std::to_string(i), maker.mesh("small", {maker.grid(small)}));
@@ -137,8 +132,7 @@ TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
   REQUIRE(one.size() == report.output_bytes);
   for (const uint32_t threads : {2u, 3u, 9u}) {
     options.threads = threads;
-    must_convert(options);
-    CHECK((tests::read_whole(options.output) == one));
+    CHECK((tests::converted_bytes(options) == one));
   }
   for (const bool is_least : {true, false}) {
     const convert::ConvertReport bounded = must_convert_within(options, is_least ? 1 : 2 * options.memory);
@@ -151,9 +145,7 @@ TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
 
 TEST_CASE("pages and chunks stay within their limits", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = 300;
-  spec.rows = 500;
+  GridSpec spec{.columns = 300, .rows = 500};
   spec.indexed = false;  // three vertices per triangle
   spec.color = spec.normal = true;
   tests::make_model(folder.file("in.glb"), spec);
@@ -181,9 +173,9 @@ TEST_CASE("neighbours have equal border points with --grid scene", "[convert]") 
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     const GridSpec wide{.size = 100};
     const GridSpec fine{.size = 3, .origin = {100, 0, 0}};
-    maker.node("wide", maker.mesh("wide", {maker.grid(wide)}));
-    maker.node("fine", maker.mesh("fine", {maker.grid(fine)}));
-    maker.node("elsewhere", maker.mesh("elsewhere", {maker.grid(wide)}), {0, 50, 0});
+    maker.draw("wide", {maker.grid(wide)});
+    maker.draw("fine", {maker.grid(fine)});
+    maker.draw("elsewhere", {maker.grid(wide)}, {0, 50, 0});
   });
   convert::ConvertOptions options = options_of(folder);
   must_match(options);
@@ -200,7 +192,7 @@ TEST_CASE("neighbours have equal border points with --grid scene", "[convert]") 
 
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     const GridSpec wide{.size = 1e6f};
-    maker.node("both", maker.mesh("both", {maker.grid(wide), maker.grid({.size = 1})}));
+    maker.draw("both", {maker.grid(wide), maker.grid({.size = 1})});
   });
   std::filesystem::remove(options.output);
   must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0");
@@ -213,9 +205,9 @@ TEST_CASE("triangles with positions that are not finite are left out on request"
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     // Vertex 4 is bad and used by one of three triangles; vertex 5 is bad and unused.
     const std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 2, bad, 0, bad, bad, bad};
-    maker.node("good", maker.mesh("good", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
-    maker.node("bad", maker.mesh("bad", {maker.primitive(points, {0, 1, 2, 1, 3, 4, 2, 1, 3})}));
-    maker.node("worse", maker.mesh("worse", {maker.primitive({bad, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
+    maker.draw("good", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {})});
+    maker.draw("bad", {maker.primitive(points, {0, 1, 2, 1, 3, 4, 2, 1, 3})});
+    maker.draw("worse", {maker.primitive({bad, 0, 0, 1, 0, 0, 0, 1, 0}, {})});
   });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
@@ -255,11 +247,11 @@ TEST_CASE("only the degenerate joining triangles of strips are left out", "[conv
 TEST_CASE("a list keeps its degenerate and duplicate triangles", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
-    maker.node("a", maker.mesh("a", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0},
-                                                     {0, 1, 2, 0, 1, 2, 2, 2, 2, 0, 1, 2, 1, 2, 0, 0, 0, 1})}));
+    maker.draw("a",
+               {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 1, 2, 0, 1, 2, 2, 2, 2, 0, 1, 2, 1, 2, 0, 0, 0, 1})});
     // A single point: every stream of the chunk has 0 bytes.
-    maker.node("b", maker.mesh("b", {maker.primitive({7, 8, 9}, {0, 0, 0})}));
-    maker.node("c", maker.mesh("c", {maker.primitive({7, 8, 9, 1, 1, 1, 2, 2, 2}, {0, 1, 2})}));
+    maker.draw("b", {maker.primitive({7, 8, 9}, {0, 0, 0})});
+    maker.draw("c", {maker.primitive({7, 8, 9, 1, 1, 1, 2, 2, 2}, {0, 1, 2})});
   });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
@@ -279,7 +271,7 @@ TEST_CASE("scattered vertices and wide index ranges are converted", "[convert]")
     }
     std::vector<uint32_t> corners;
     for (uint32_t i = 0; i < 300; ++i) corners.push_back(i * 7919 % 40000);
-    maker.node("a", maker.mesh("a", {maker.primitive(points, corners)}));
+    maker.draw("a", {maker.primitive(points, corners)});
   });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
@@ -291,7 +283,7 @@ TEST_CASE("extents at the limits of float32 are converted", "[convert]") {
   const TempFolder folder;
   const float size = GENERATE(1e-42f, 1e-30f, 1e30f, 3e38f);
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
-    maker.node("a", maker.mesh("a", {maker.primitive({-size, 0, 0, size, size, 0, 0, size / 3, 0}, {0, 1, 2})}));
+    maker.draw("a", {maker.primitive({-size, 0, 0, size, size, 0, 0, size / 3, 0}, {0, 1, 2})});
   });
   must_match(options_of(folder));
 }
@@ -299,32 +291,17 @@ TEST_CASE("extents at the limits of float32 are converted", "[convert]") {
 TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
-  REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
-  const std::string png = tests::read_whole(folder.file("a.png"));
+  const std::vector<std::byte> png = must(runtime::encode_png({4, 4, 3, pixels}));
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
-    const auto image = [&](const char* name) {
-      const uint32_t added =
-          must(maker.writer().add_image(name, format::ImageCodec::kPng, std::as_bytes(std::span(png))));
-      return added;
-    };
-    tools::GltfTexture first, same, unused;
-    first.image = image("first");
-    same.image = image("same bytes");
-    unused.image = image("unused");
-    tools::GltfMaterial plain, textured, also, nobodys;
-    textured.name = "textured";
-    textured.texture = maker.writer().add_texture(first);
-    also.texture = maker.writer().add_texture(same);
-    nobodys.texture = maker.writer().add_texture(unused);
-    const uint32_t nobodys_number = maker.writer().add_material(nobodys);
-    CHECK(nobodys_number == 0);
-    const uint32_t plain_number = maker.writer().add_material(plain);
-    const uint32_t textured_number = maker.writer().add_material(textured);
-    const uint32_t also_number = maker.writer().add_material(also);
+    const uint32_t unused = maker.textured("unused", format::ImageCodec::kPng, png);
+    CHECK(unused == 0);
+    const uint32_t plain = maker.writer().add_material({});
+    const uint32_t first = maker.writer().add_texture(maker.texture("first", format::ImageCodec::kPng, png));
+    const uint32_t textured = maker.writer().add_material({.name = "textured", .texture = first});
+    const uint32_t also = maker.textured("same bytes", format::ImageCodec::kPng, png);
     const GridSpec spec{.uv = true, .white = true, .normal = true};
-    maker.node("a", maker.mesh("a", {maker.grid(spec, plain_number), maker.grid(spec, textured_number),
-                                     maker.grid(spec, also_number)}));
-    maker.mesh("nobody draws this", {maker.grid(spec, nobodys_number)});
+    maker.draw("a", {maker.grid(spec, plain), maker.grid(spec, textured), maker.grid(spec, also)});
+    maker.mesh("nobody draws this", {maker.grid(spec, unused)});
   });
   const convert::ConvertOptions options = options_of(folder);
   must_match(options);
@@ -342,8 +319,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   CHECK(file.materials()[2].texture == 0);
   CHECK(file.string(file.materials()[file.meshes()[1].material].name) == "textured");
   std::vector<std::byte> scratch;
-  const auto page = must(file.load_page(file.images()[0].page, scratch));
-  CHECK((std::string(reinterpret_cast<const char*>(page.data()), page.size()) == png));
+  CHECK(std::ranges::equal(must(file.load_page(file.images()[0].page, scratch)), png));
   std::map<std::string, uint64_t> left_out = tests::left_out(file);
   CHECK(left_out["COLOR_0 (all white)"] == 3);
   CHECK(left_out["NORMAL"] >= 3);
@@ -351,19 +327,16 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
 
 TEST_CASE("attributes that are not finite are repaired and counted", "[convert]") {
   const TempFolder folder;
-  const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
-  REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
-  const std::string png = tests::read_whole(folder.file("a.png"));
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     tools::GltfPrimitive primitive = maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0, 1, 2, 1, 3, 2});
-    primitive.material = maker.textured("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+    primitive.material = maker.checker();
     primitive.attributes.emplace_back("TEXCOORD_0",
                                       maker.floats({0, 0, kNan, 1, 0.5f, kInf, 3, 3}, tools::GltfType::kVec2));
     primitive.attributes.emplace_back("COLOR_0",
                                       maker.floats({kNan, 0, 0, 2, 0, -5, 0, 1, 1, 1, 1, 1}, tools::GltfType::kVec3));
     primitive.attributes.emplace_back(
         "NORMAL", maker.floats({0, 0, 0, kNan, 0, 0, 0, 1, 0, 0, 3e38f, 3e38f}, tools::GltfType::kVec3));
-    maker.node("a", maker.mesh("a", {primitive}));
+    maker.draw("a", {primitive});
   });
   convert::ConvertOptions options = options_of(folder);
   options.normals = convert::Normals::kAlways;
@@ -428,7 +401,7 @@ TEST_CASE("a document without scenes draws all its roots", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
-    maker.node("a", maker.mesh("a", {maker.grid({})}));
+    maker.draw("a", {maker.grid({})});
     maker.node("b", 0, {1, 2, 3});
     maker.finish(false);
   }
@@ -444,7 +417,7 @@ TEST_CASE("the option --exclude leaves out nodes and data that only they use", "
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     maker.node("FogCard 1", maker.mesh("fog", {maker.grid({})}));
-    maker.node("rock", maker.mesh("rock", {maker.grid({})}));
+    maker.draw("rock", {maker.grid({})});
   });
   convert::ConvertOptions options = options_of(folder);
   options.exclude = "FogCard|Plane";

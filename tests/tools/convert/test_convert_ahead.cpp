@@ -7,13 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/sanitized.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using namespace scree::convert;
@@ -43,23 +41,21 @@ tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
 /// with several primitives, with more than one window, with white colours and without content.
 void make_ahead_scene(const std::string& path, Kind kind) {
   ModelMaker maker(path);
-  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
-  const uint32_t checker =
-      kind == kImages ? maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png))) : format::kNone;
+  const uint32_t checker = kind == kImages ? maker.checker("png") : format::kNone;
   for (uint32_t i = 0; i < 6; ++i) {
     const float size = static_cast<float>(1 + i / 2 * 2);  // every second mesh repeats the previous one
-    maker.node("pair", maker.mesh("pair", {maker.grid(grid_of(150, size), checker), maker.grid(grid_of(20, size))}));
+    maker.draw("pair", {maker.grid(grid_of(150, size), checker), maker.grid(grid_of(20, size))});
     GridSpec white = grid_of(180, static_cast<float>(i + 1));
     white.white = true;
-    maker.node("white", maker.mesh("white", {maker.grid(white)}));
+    maker.draw("white", {maker.grid(white)});
   }
-  maker.node("nothing", maker.mesh("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})}));
-  if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
-  if (kind == kApart) maker.node("apart", maker.mesh("apart", {triangles_apart(maker, 250000)}));
-  maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
+  maker.draw("nothing", {maker.primitive({0, 0, 0, 1, 0, 0}, {})});
+  if (kind == kShuffled) maker.draw("shuffled", {shuffled_squares(maker, 400)});
+  if (kind == kApart) maker.draw("apart", {triangles_apart(maker, 250000)});
+  maker.draw("two windows", {maker.grid(grid_of(400, 2))});
   if (kind == kWide) {  // no lattice of 24 bits per axis keeps an error of 1e-5
-    maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
-    maker.node("last", maker.mesh("last", {maker.grid(grid_of(30, 1))}));
+    maker.draw("wide", {maker.grid(grid_of(3, 1e6f))});
+    maker.draw("last", {maker.grid(grid_of(30, 1))});
   }
   maker.finish();
 }
@@ -67,12 +63,11 @@ void make_ahead_scene(const std::string& path, Kind kind) {
 /// As many good triangles, and an invalid position in the last mesh.
 void make_bad_scene(const std::string& path) {
   ModelMaker maker(path);
-  for (uint32_t i = 0; i < 12; ++i)
-    maker.node("good", maker.mesh("good", {maker.grid(grid_of(200, static_cast<float>(i + 1)))}));
-  maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
+  for (uint32_t i = 0; i < 12; ++i) maker.draw("good", {maker.grid(grid_of(200, static_cast<float>(i + 1)))});
+  maker.draw("wide", {maker.grid(grid_of(3, 1e6f))});
   GridSpec bad = grid_of(10, 1);
   bad.origin[1] = kNan;
-  maker.node("bad", maker.mesh("bad", {maker.grid(bad)}));
+  maker.draw("bad", {maker.grid(bad)});
   maker.finish();
 }
 

@@ -2,15 +2,11 @@
 #include <algorithm>
 
 #include "format/geometry/chunk_layout.h"
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/inspect/stats.h"
-#include "tools/inspect/verify.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -21,12 +17,6 @@ convert::ConvertOptions clustered(const TempFolder& folder) {
   convert::ConvertOptions options = options_of(folder);
   options.encoding = convert::Encoding::kClustered;
   return options;
-}
-
-void must_verify(const tests::PackedFile& opened) {
-  const inspect::VerifyReport report = inspect::verify(opened.file, opened.map.bytes(), 2);
-  for (const inspect::Failure& failure : report.failures) FAIL_CHECK(failure.error.message);
-  CHECK(report.failure_count == 0);
 }
 
 /// The stored corners of all triangles, sorted. Each triangle is rotated to begin with its smallest corner.
@@ -74,37 +64,29 @@ convert::ConvertReport must_cluster(const convert::ConvertOptions& options, cons
 TEST_CASE("clusters keep the triangles and the stated error under every option", "[convert][clusters]") {
   const TempFolder folder;
   make_grids(folder.file("in.glb"));
-  convert::ConvertOptions options = clustered(folder);
-  options.clusters = GENERATE(tools::ClusterEffort::kFast, tools::ClusterEffort::kBest);
-
-  SECTION("defaults") {
-    must_cluster(options, folder);
-  }
-  SECTION("8 bits") {
-    options.position_bits = 8;
-    must_cluster(options, folder);
-  }
-  SECTION("24 bits, order none") {
-    options.position_bits = 24;
-    options.order = convert::Order::kNone;
-    must_cluster(options, folder);
-  }
-  SECTION("chunks of one triangle") {
-    options.chunk_triangles = 1;
-    CHECK(must_cluster(options, folder).chunks == 2 * (60 * 40 + 31 * 40 + 16));
-  }
-  SECTION("chunks of 300 triangles") {
-    options.chunk_triangles = 300;
-    must_cluster(options, folder);
-    const tests::PackedFile opened = must_open(options.output);
-    for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) CHECK(opened.file.chunks()[i].triangle_count <= 300);
-  }
-  SECTION("whole meshes, everything") {
-    options.chunk_triangles = 0;
-    options.normals = convert::Normals::kAlways;
-    options.zstd_level = 3;
-    CHECK(must_cluster(options, folder).chunks == 3);
-  }
+  using Options = convert::ConvertOptions;
+  const auto effort = GENERATE(tools::ClusterEffort::kFast, tools::ClusterEffort::kBest);
+  const auto cluster = [&](const char* name, void (*change)(Options&)) {
+    INFO(name);
+    Options options = clustered(folder);
+    options.clusters = effort;
+    change(options);
+    return must_cluster(options, folder);
+  };
+  cluster("defaults", [](Options&) {});
+  cluster("8 bits", [](Options& o) { o.position_bits = 8; });
+  cluster("24 bits, order none", [](Options& o) { o.position_bits = 24, o.order = convert::Order::kNone; });
+  const auto singles = cluster("chunks of one triangle", [](Options& o) { o.chunk_triangles = 1; });
+  CHECK(singles.chunks == 2 * (60 * 40 + 31 * 40 + 16));
+  cluster("chunks of 300 triangles", [](Options& o) { o.chunk_triangles = 300; });
+  const tests::PackedFile opened = must_open(clustered(folder).output);
+  for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) CHECK(opened.file.chunks()[i].triangle_count <= 300);
+  const auto whole = cluster("whole meshes, everything", [](Options& o) {
+    o.chunk_triangles = 0;
+    o.normals = convert::Normals::kAlways;
+    o.zstd_level = 3;
+  });
+  CHECK(whole.chunks == 3);
 }
 
 TEST_CASE("float32 positions have no clusters", "[convert][clusters]") {
@@ -135,8 +117,7 @@ TEST_CASE("clustered pages stay within their limit, for any number of threads", 
   }
   const std::string one = tests::read_whole(options.output);
   options.threads = 3;
-  must_convert(options);
-  CHECK((tests::read_whole(options.output) == one));
+  CHECK((tests::converted_bytes(options) == one));
 }
 
 TEST_CASE("split pages unpack to the bytes of raw pages, for any number of threads", "[convert][clusters]") {
@@ -146,8 +127,7 @@ TEST_CASE("split pages unpack to the bytes of raw pages, for any number of threa
   options.normals = convert::Normals::kAlways;
   options.chunk_triangles = 3000;
   must_convert(options);
-  const std::string raw_name = options.output;
-  const tests::PackedFile raw = must_open(raw_name);
+  const tests::PackedFile raw = must_open(options.output);
   options.output = folder.file("split.scree");
   options.zstd_level = GENERATE(1, 3, 19);
   options.threads = 1;
@@ -166,8 +146,7 @@ TEST_CASE("split pages unpack to the bytes of raw pages, for any number of threa
   }
   const std::string one = tests::read_whole(options.output);
   options.threads = 3;
-  must_convert(options);
-  CHECK((tests::read_whole(options.output) == one));
+  CHECK((tests::converted_bytes(options) == one));
 }
 
 TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters]") {
@@ -178,14 +157,10 @@ TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters
   must_convert(options);
   const tests::PackedFile opened = must_open(options.output);
   const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 10, true);
-  uint64_t payload = 0, clusters = 0;
-  for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
-    payload += opened.file.chunks()[i].bytes;
-    clusters += opened.file.chunks()[i].cluster_count;
-  }
-  uint64_t raw = 0;
+  uint64_t clusters = 0, raw = 0;
+  for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) clusters += opened.file.chunks()[i].cluster_count;
   for (const uint64_t bytes : stats.clusters.bytes) raw += bytes;
-  CHECK(raw == payload);
+  CHECK(raw == tests::chunk_bytes(opened.file));
   CHECK(stats.clusters.clusters == clusters);
   CHECK(stats.clusters.triangles == stats.triangles);
   CHECK(stats.clusters.vertices == stats.vertices);

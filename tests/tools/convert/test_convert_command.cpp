@@ -3,18 +3,14 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <random>
-#include <thread>
 
-#include "tests/catch.h"
 #include "tests/tools/gltf/many_files.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using namespace scree::tests;

@@ -9,68 +9,51 @@
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
 #include "tests/full_disk.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 using namespace scree;
 using namespace scree::tests;
 
-namespace {}  // namespace
-
 TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(16 * 16 * 3, 77);
-  REQUIRE(runtime::write_png(folder.file("a.png"), {16, 16, 3, pixels}));
-  std::string png = tests::read_whole(folder.file("a.png"));
+  std::vector<std::byte> png = must(runtime::encode_png({16, 16, 3, pixels}));
   png.resize(png.size() - 20);
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
-    const uint32_t material = maker.textured("bark", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-    maker.node("a", maker.mesh("a", {maker.grid({.uv = true}, material)}));
+    maker.draw("a", {maker.grid({.uv = true}, maker.textured("bark", format::ImageCodec::kPng, png))});
   });
   const auto report = refusal(convert::convert(options_of(folder)));
   CHECK(report.message.find("image 0 (bark)") != std::string::npos);
   CHECK(exit_code(report.code) == 3);
-  CHECK(folder.names() == std::vector<std::string>{"a.png", "in.glb"});
+  CHECK(folder.names() == std::vector<std::string>{"in.glb"});
 }
 
 TEST_CASE("invalid options are refused", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {});
+  using Options = convert::ConvertOptions;
+  const auto refuse = [&](ErrorCode code, const char* words, const std::function<void(Options&)>& change) {
+    INFO(words);
+    Options options = options_of(folder);
+    change(options);
+    must_fail(options, code, words);
+  };
+  refuse(ErrorCode::kUsage, "--positions", [](Options& o) { o.position_bits = 7; });
+  refuse(ErrorCode::kUsage, "--positions", [](Options& o) { o.position_bits = 25; });
+  refuse(ErrorCode::kUsage, "--max-error", [](Options& o) { o.max_error = std::nan(""); });
+  refuse(ErrorCode::kUsage, "exclude each other", [](Options& o) { o.float32 = true, o.max_error = 1; });
+  refuse(ErrorCode::kUsage, "--zstd", [](Options& o) { o.zstd_level = 23; });
+  refuse(ErrorCode::kFile, "none.glb", [&](Options& o) { o.input = folder.file("none.glb"); });
+  refuse(ErrorCode::kFile, "none", [&](Options& o) { o.output = folder.file("none/out.scree"); });
+}
+
+TEST_CASE("an output that is the input, a buffer of it or a folder is refused", "[convert]") {
+  const TempFolder folder;
+  tests::make_model(folder.file("in.glb"), {});
   convert::ConvertOptions options = options_of(folder);
-  SECTION("too few bits") {
-    options.position_bits = 7;
-    must_fail(options, ErrorCode::kUsage, "--positions");
-  }
-  SECTION("too many bits") {
-    options.position_bits = 25;
-    must_fail(options, ErrorCode::kUsage, "--positions");
-  }
-  SECTION("an error of NaN") {
-    options.max_error = std::nan("");
-    must_fail(options, ErrorCode::kUsage, "--max-error");
-  }
-  SECTION("float32 with an error") {
-    options.float32 = true;
-    options.max_error = 1;
-    must_fail(options, ErrorCode::kUsage, "exclude each other");
-  }
-  SECTION("zstd level") {
-    options.zstd_level = 23;
-    must_fail(options, ErrorCode::kUsage, "--zstd");
-  }
-  SECTION("no input") {
-    options.input = folder.file("none.glb");
-    must_fail(options, ErrorCode::kFile, "none.glb");
-  }
-  SECTION("no folder") {
-    options.output = folder.file("none/out.scree");
-    must_fail(options, ErrorCode::kFile, "none");
-  }
   SECTION("output is the input") {
     options.output = options.input;
     const std::string before = tests::read_whole(options.input);
@@ -98,7 +81,7 @@ TEST_CASE("an earlier output survives an error and is replaced after success", "
   const convert::ConvertOptions options = options_of(folder);
   std::ofstream(options.output) << "earlier";
   tests::make_model(folder.file("bad.glb"), [&](ModelMaker& maker) {
-    maker.node("bad", maker.mesh("bad", {maker.primitive({kNan, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
+    maker.draw("bad", {maker.primitive({kNan, 0, 0, 1, 0, 0, 0, 1, 0}, {})});
   });
   convert::ConvertOptions bad = options;
   bad.input = folder.file("bad.glb");

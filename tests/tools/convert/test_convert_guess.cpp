@@ -13,9 +13,8 @@
 #include <utility>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/gltf/read_all.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/passes/encode_ahead.h"
 #include "tools/convert/passes/guessed_mesh.h"
@@ -44,12 +43,15 @@ const GridSpec kLarge = rectangle_of(370, 370);
 class Model {
  public:
   explicit Model(const TempFolder& folder) : folder_(folder), maker_(std::in_place, folder.file("in.gltf")) {}
+  /// One grid.
+  Model(const TempFolder& folder, const GridSpec& grid) : Model(folder) {
+    add("grid", maker().grid(grid));
+    finish();
+  }
 
   ModelMaker& maker() { return *maker_; }
 
-  void add(const std::string& name, tools::GltfPrimitive primitive) {
-    maker_->node(name, maker_->mesh(name, {std::move(primitive)}));
-  }
+  void add(const std::string& name, tools::GltfPrimitive primitive) { maker_->draw(name, {std::move(primitive)}); }
 
   void finish() {
     maker_->finish();
@@ -57,12 +59,8 @@ class Model {
     text_ = tests::read_whole(folder_.file("in.gltf"));
     text_.append(1000, ' ');
     folder_.write("in.gltf", text_);
-    SourceScene scene = must(import_gltf(folder_.file("in.gltf"), {}));
-    for (const Primitive& primitive : scene.primitives) {
-      std::vector<float> positions(3 * primitive.vertex_count());
-      REQUIRE(read_floats(primitive.positions, 0, primitive.vertex_count(), positions));
-      boxes_.push_back(box_of(positions));
-    }
+    const SourceScene scene = must(import_gltf(folder_.file("in.gltf"), {}));
+    for (const Primitive& primitive : scene.primitives) boxes_.push_back(box_of(all_values(primitive.positions)));
   }
 
   /// The true boxes of the positions, by primitive.
@@ -112,6 +110,13 @@ ConvertOptions fast_options_of(const TempFolder& folder) {
   options.order = Order::kNone;
   options.weld = options.source_ids = false;
   return options;
+}
+
+/// Converts to a file of these bytes.
+ConvertReport must_equal(const ConvertOptions& options, const std::string& reference) {
+  const ConvertReport report = must_convert(options);
+  CHECK((tests::read_whole(options.output) == reference));
+  return report;
 }
 
 /// The file made by measuring everything first.
@@ -176,9 +181,7 @@ struct Start {
 TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by its own if these are wrong",
           "[convert][ahead][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("giant", model.maker().grid(kGiant));
-  model.finish();
+  Model model(folder, kGiant);
   ConvertOptions options = fast_options_of(folder);
   constexpr uint64_t kEarly = kGiantWindows - 1;  // all except the last window, with which everything is measured
   const std::string reference = reference_of(options);
@@ -186,8 +189,7 @@ TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by
                          const char* format = "%.9g") {
     INFO(what << ", " << options.threads << " threads, " << options.memory << " bytes");
     model.state(boxes, format);
-    const ConvertReport report = must_convert(options);
-    CHECK((tests::read_whole(options.output) == reference));
+    const ConvertReport report = must_equal(options, reference);
     CHECK(report.windows_guessed == guessed);
     CHECK(report.windows_discarded == discarded);
     return report;
@@ -210,15 +212,12 @@ TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by
   options.threads = 16;  // the memory is too little for so many threads
   options.memory = uint64_t{1} << 30;
   model.state({loose});
-  must_convert(options);
-  CHECK((tests::read_whole(options.output) == reference));
+  must_equal(options, reference);
 }
 
 TEST_CASE("convert: meshes of floats and of lattices chosen by an error are guessed", "[convert][ahead][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("large", model.maker().grid(kLarge));
-  model.finish();
+  Model model(folder, kLarge);
   ConvertOptions options = options_of(folder, "in.gltf");
   const bool is_float = GENERATE(true, false);
   if (is_float) {
@@ -233,8 +232,7 @@ TEST_CASE("convert: meshes of floats and of lattices chosen by an error are gues
     std::vector<Box> stated = model.boxes();
     if (!is_right) stated[0].lo[0] -= 1;
     model.state(stated);
-    const ConvertReport report = must_convert(options);
-    CHECK((tests::read_whole(options.output) == reference));
+    const ConvertReport report = must_equal(options, reference);
     CHECK(report.windows_guessed == (is_right ? 1 : 0));
     CHECK(report.windows_discarded == (is_right ? 0 : 1));
   }
@@ -242,14 +240,11 @@ TEST_CASE("convert: meshes of floats and of lattices chosen by an error are gues
 
 TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guessed", "[convert][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("large", model.maker().grid(kLarge));
-  model.finish();
+  Model model(folder, kLarge);
   ConvertOptions options = options_of(folder, "in.gltf");
   const auto guess = [&](const Box& box, const char* format = "%.9g") {
     model.state({box}, format);
-    const SourceScene scene = must(import_gltf(options.input, {}));
-    return guess_mesh(options, scene, 0, convert::Measured{});
+    return guess_mesh(options, must(import_gltf(options.input, {})), 0, convert::Measured{});
   };
   const Box right = model.boxes()[0];
   const PlannedMesh mesh = must(guess(right));
@@ -269,7 +264,7 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   // The two primitives use the same vertices, whose box fits neither primitive.
   ModelMaker maker(folder.file("in.gltf"));
   const tools::GltfPrimitive half = maker.grid(kLarge);
-  maker.node("halves", maker.mesh("halves", {half, half}));
+  maker.draw("halves", {half, half});
   maker.finish();
   const SourceScene scene = must(import_gltf(options.input, {}));
   REQUIRE(scene.primitives.size() == 2);
@@ -287,9 +282,7 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
 
 TEST_CASE("convert: errors late in a giant primitive are the same as without guessing", "[convert][ahead][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("large", model.maker().grid(kLarge));
-  model.finish();
+  Model model(folder, kLarge);
   ConvertOptions options = options_of(folder, "in.gltf");
   options.threads = 1;
   std::vector<Box> stated = model.boxes();
@@ -302,8 +295,7 @@ TEST_CASE("convert: errors late in a giant primitive are the same as without gue
     must_fail_alike(options, "position (");
     options.drop_nonfinite = true;
     const std::string reference = reference_of(options);
-    const ConvertReport report = must_convert(options);
-    CHECK((tests::read_whole(options.output) == reference));
+    const ConvertReport report = must_equal(options, reference);
     CHECK(report.windows_guessed == 0);
     CHECK(report.windows_discarded == 1);
   }
@@ -335,8 +327,7 @@ TEST_CASE("convert: guesses hold for colours that begin white, and for repeated 
   ConvertOptions options = options_of(folder, "in.gltf");
   const std::string reference = reference_of(options);
   model.state(model.boxes());
-  const ConvertReport report = must_convert(options);
-  CHECK((tests::read_whole(options.output) == reference));
+  const ConvertReport report = must_equal(options, reference);
   CHECK(report.meshes == 4);
   CHECK(report.windows_guessed == 2);  // one window of each except the last, and of none that may repeat another
   CHECK(report.windows_discarded == 1);
@@ -355,8 +346,7 @@ TEST_CASE("convert: sorting a primitive discards its guesses", "[convert][ahead]
   model.state(model.boxes());
   for (const uint32_t threads : {1u, 3u}) {
     options.threads = threads;
-    const ConvertReport report = must_convert(options);
-    CHECK((tests::read_whole(options.output) == reference));
+    const ConvertReport report = must_equal(options, reference);
     CHECK(report.windows_guessed == 1);
     CHECK(report.windows_discarded == 1);
     CHECK(report.sorted_triangles == 2 * kSide * kSide);
@@ -389,9 +379,7 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
 
 TEST_CASE("encode ahead: windows of a giant primitive without memory for them are not encoded", "[convert][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("giant", model.maker().grid(kGiant));
-  model.finish();
+  Model model(folder, kGiant);
   model.state(model.boxes());
   const ConvertOptions options = fast_options_of(folder);
   WindowNeeds largest = kAnyWindow;
@@ -408,9 +396,7 @@ TEST_CASE("encode ahead: windows of a giant primitive without memory for them ar
 
 TEST_CASE("convert --resume: continues after a right or a wrong guess", "[convert][resume][guess]") {
   const TempFolder folder;
-  Model model(folder);
-  model.add("giant", model.maker().grid(kGiant));
-  model.finish();
+  Model model(folder, kGiant);
   ConvertOptions options = fast_options_of(folder);
   const std::string reference = reference_of(options);
   std::vector<Box> stated = model.boxes();

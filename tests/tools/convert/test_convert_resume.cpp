@@ -8,18 +8,14 @@
 #include <cstring>
 #include <filesystem>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "format/layout.h"
-#include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/passes/resume.h"
 
 using namespace scree;
@@ -33,13 +29,12 @@ void make_resumed_scene(const std::string& path) {
   const uint32_t jpeg =
       maker.textured("jpeg", format::ImageCodec::kJpeg,
                      tests::make_jpeg({.width = 200, .height = 200, .factors = {{2, 2}, {1, 1}, {1, 1}}}));
-  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
-  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  const uint32_t checker = maker.checker("png");
   GridSpec large{.columns = 600, .rows = 500, .uv = true};
-  maker.node("a", maker.mesh("a", {maker.grid(large, jpeg), maker.grid({.uv = true, .color = true}, checker)}));
+  maker.draw("a", {maker.grid(large, jpeg), maker.grid({.uv = true, .color = true}, checker)});
   large.rows = 300;
   large.color = true;
-  maker.node("b", maker.mesh("b", {maker.grid(large)}), {1.5, 0, 0});
+  maker.draw("b", {maker.grid(large)}, {1.5, 0, 0});
   maker.finish();
 }
 
@@ -117,11 +112,9 @@ class Conversion {
   std::string reference_path() const { return folder_.file("reference.scree"); }
 
   TempFolder folder_;
-  std::string in_ = folder_.file("in.glb");
-  std::string out_ = folder_.file("out.scree");
+  std::string in_ = folder_.file("in.glb"), out_ = folder_.file("out.scree");
   std::string kept_ = folder_.file("kept");
-  std::string reference_;
-  std::string encoding_;
+  std::string reference_, encoding_;
   uint32_t threads_ = 2;
 };
 
@@ -129,26 +122,10 @@ bool says(const std::string& text, const char* words) {
   return text.find(words) != std::string::npos;
 }
 
-/// Changes the byte at `offset`, or truncates the file there.
-void damage(const std::string& path, uint64_t offset, bool cut) {
-  if (cut) {
-    REQUIRE(::truncate(path.c_str(), static_cast<off_t>(offset)) == 0);
-    return;
-  }
-  const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
-  REQUIRE(file >= 0);
-  unsigned char byte = 0;
-  REQUIRE(::pread(file, &byte, 1, static_cast<off_t>(offset)) == 1);
-  byte ^= 0x5a;
-  REQUIRE(::pwrite(file, &byte, 1, static_cast<off_t>(offset)) == 1);
-  ::close(file);
-}
-
 }  // namespace
 
 TEST_CASE("convert --resume: a run killed at any point resumes to the same bytes", "[convert][resume]") {
-  const std::string encoding = GENERATE("indexed", "clustered");
-  Conversion conversion(encoding);
+  Conversion conversion(GENERATE("indexed", "clustered"));
   int resumed = 0;
   constexpr int kKills = tests::kIsSanitized ? 4 : 13;
   // The run continues with another number of threads than the killed run. The reference uses two.
@@ -192,7 +169,7 @@ TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
   const uint64_t size = std::filesystem::file_size(conversion.part());
   const auto check = [&](uint64_t offset, bool cut, const char* expected) {
     conversion.take_kept();
-    damage(conversion.part(), offset, cut);
+    cut ? std::filesystem::resize_file(conversion.part(), offset) : tests::damage(conversion.part(), offset);
     const std::string said = conversion.resume();
     INFO("byte " << offset << (cut ? " cut" : "") << ": " << said);
     CHECK(says(said, expected));

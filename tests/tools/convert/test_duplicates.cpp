@@ -1,13 +1,10 @@
 // Equal meshes, textures and materials are stored once, and different ones are never merged.
-#include <cstdint>
 #include <functional>
 #include <limits>
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -17,11 +14,7 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::must_convert;
-using tests::must_match;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -44,8 +37,8 @@ uint64_t stored_meshes(const std::function<void(tests::ModelMaker&)>& make, bool
 }
 
 void two(tests::ModelMaker& maker, std::vector<tools::GltfPrimitive> a, std::vector<tools::GltfPrimitive> b) {
-  maker.node("a", maker.mesh("a", std::move(a)));
-  maker.node("b", maker.mesh("b", std::move(b)), {3, 0, 0});
+  maker.draw("a", std::move(a));
+  maker.draw("b", std::move(b), {3, 0, 0});
 }
 
 }  // namespace
@@ -56,9 +49,9 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   tests::GridSpec other = spec;
   other.origin = {0, 1, 0};
   tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
-    maker.node("first", maker.mesh("first", {maker.grid(spec)}));
-    maker.node("other", maker.mesh("other", {maker.grid(other)}), {50, 0, 0});
-    maker.node("repeat", maker.mesh("repeat", {maker.grid(spec)}), {100, 0, 0});
+    maker.draw("first", {maker.grid(spec)});
+    maker.draw("other", {maker.grid(other)}, {50, 0, 0});
+    maker.draw("repeat", {maker.grid(spec)}, {100, 0, 0});
   });
   ConvertOptions options = options_of(folder);
   const ConvertReport report = must_match(options);
@@ -110,8 +103,7 @@ TEST_CASE("duplicates: compare finds meshes that were wrongly stored as equal", 
   const tests::PackedFile packed = must_open(folder.file("out.scree"));
   REQUIRE(packed.file.meshes().size() == 1);
   const auto judge = [&](const std::string& name) {
-    const SourceScene source = must(import_gltf(folder.file(name), {}));
-    return compare::load_source_model(source, packed.file, 0);
+    return compare::load_source_model(must(import_gltf(folder.file(name), {})), packed.file, 0);
   };
   CHECK(judge("in.glb"));
   check_refusal(judge("changed.glb"), ErrorCode::kFormat,

@@ -8,13 +8,11 @@
 #include <vector>
 
 #include "format/bytes.h"
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/sanitized.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/plan/convert_options.h"
-#include "tools/inspect/verify.h"
 
 using namespace scree;
 using convert::ConvertOptions;
@@ -27,8 +25,7 @@ namespace {
 
 /// A way of bounding the error.
 struct Bound {
-  double units;
-  double pixels;
+  double units, pixels;
   double distance;
 };
 
@@ -49,8 +46,7 @@ uint64_t end_of_pages(const format::Container& file) {
 }
 
 struct Counts {
-  uint64_t chunks = 0;
-  uint64_t clustered = 0;
+  uint64_t chunks = 0, clustered = 0;
   uint64_t indexed = 0;  // chunks on a lattice that stay indexed
   uint64_t saved = 0;
 };
@@ -117,7 +113,7 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
 void make_error_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   const auto add = [&](const std::string& name, tools::GltfPrimitive primitive) {
-    maker.node(name, maker.mesh(name, {std::move(primitive)}));
+    maker.draw(name, {std::move(primitive)});
   };
   tests::GridSpec grid{.columns = 30, .rows = 30, .uv = true, .color = true, .normal = true};
   add("grid", maker.grid(grid));
@@ -184,13 +180,9 @@ TEST_CASE("chunks that stay indexed to save bytes are correct, for any threads a
       options.threads = 1;
       tests::must_match(options);
       const std::string bytes = tests::read_whole(options.output);
-      {
-        const tests::PackedFile opened = must_open(options.output);
-        CHECK(inspect::verify(opened.file, opened.map.bytes(), 2).failure_count == 0);
-      }
+      tests::must_verify(options.output);
       options.threads = 4;
-      must_convert(options);
-      CHECK((tests::read_whole(options.output) == bytes));
+      CHECK((tests::converted_bytes(options) == bytes));
       tests::must_convert_within(options, uint64_t{100} << 20);
       CHECK((tests::read_whole(options.output) == bytes));
     }

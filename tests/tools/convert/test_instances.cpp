@@ -5,11 +5,8 @@
 #include <tuple>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/convert/plan/scene_tables.h"
 
@@ -22,10 +19,7 @@ namespace {
 /// Positions along a line. The first `equal` of them are the same.
 std::vector<float> places(uint64_t count, uint64_t equal) {
   std::vector<float> values;
-  for (uint64_t i = 0; i < count; ++i) {
-    const float x = i < equal ? 0.0f : static_cast<float>(i);
-    values.insert(values.end(), {x, 2, 3});
-  }
+  for (uint64_t i = 0; i < count; ++i) values.insert(values.end(), {i < equal ? 0.0f : static_cast<float>(i), 2, 3});
   return values;
 }
 
@@ -63,8 +57,7 @@ tests::PackedFile converted(const TempFolder& folder, uint64_t count, uint64_t e
 void check_instances(const format::Container& file, uint64_t count, uint64_t equal) {
   REQUIRE(file.node_instances().size() == 3 * count + 3);
   REQUIRE(file.instances().size() == count * 4 + 3 + 1);
-  bool in_place = true;
-  bool is_sorted = true;
+  bool in_place = true, is_sorted = true;
   for (uint64_t i = 0; i < file.instances().size(); ++i) {
     const format::InstanceRecord& instance = file.instances()[i];
     const std::string_view name = file.string(file.nodes()[instance.node].name);

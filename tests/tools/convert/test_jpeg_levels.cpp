@@ -7,7 +7,6 @@
 #include "format/container/mip_levels.h"
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/textures/texture.h"
-#include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/models.h"
 #include "tests/results.h"
@@ -34,8 +33,7 @@ Levels must_make(const Bytes& file) {
 }
 
 Image must_decode(const Bytes& bytes, uint32_t width, uint32_t height, uint32_t channels) {
-  const auto index = must(runtime::open_jpeg_level(bytes, width, height, channels));
-  return must(runtime::decode_jpeg_level(index));
+  return must(runtime::decode_jpeg_level(must(runtime::open_jpeg_level(bytes, width, height, channels))));
 }
 
 /// PSNR in dB of each stored level, compared with the box filter of the base level.
@@ -98,11 +96,9 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
   if (folder.empty()) return;
   double ratios = 0;
   double large_ratios = 0;  // for files of 65,536 pixels or more
-  double bytes = 0;
-  double base_bytes = 0;
+  double bytes = 0, base_bytes = 0;
   double quality = 0;  // of level 1
-  uint32_t files = 0;
-  uint32_t large = 0;
+  uint32_t files = 0, large = 0;
   double worst = 0;
   for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());

@@ -5,7 +5,6 @@
 #include <atomic>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -14,23 +13,16 @@
 #include "kernels/shade/block_cache.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
-#include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/images/jpeg_file.h"
 
 using namespace scree;
+using namespace scree::tests;
 using kernels::BlockCache;
 using kernels::JpegLevel;
-using tests::jpeg_recipe;
-using tests::load_cached;
-using tests::TempFolder;
 
 namespace {
 
@@ -145,7 +137,7 @@ TEST_CASE("a picture does not depend on the memory for pages of JPEGs", "[jpeg_t
     }
   }
   const runtime::Scene small = load_cached(options.output, 1, 1);
-  const auto frame = must(tests::Frame::draw(small, tests::must_view(small, close_view()), 1, 2));
+  const auto frame = tests::must_draw(small, tests::must_view(small, close_view()));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kMemory);
   CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
@@ -184,13 +176,12 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
     for (const uint64_t damaged : {offset, offset + 8}) {  // the magic, then the width
       std::copy(raw.begin(), raw.end(), memory.begin());
       memory[damaged] ^= std::byte{1};
-      const auto refused = refusal(write());
-      CHECK(refused.message.starts_with("image 0: level " + std::to_string(i + 1) + ": indexed JPEG: "));
+      CHECK(refusal(write()).message.starts_with("image 0: level " + std::to_string(i + 1) + ": indexed JPEG: "));
     }
   }
   // In the file, the checksum becomes wrong.
   tests::damage(options.output, container.pages()[image.page].offset + 200);
-  const auto frame = must(tests::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
+  const auto frame = tests::must_draw(scene, tests::must_view(scene, close_view()));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kChecksum);
   CHECK(refused.message.starts_with("page " + std::to_string(image.page) + ": "));

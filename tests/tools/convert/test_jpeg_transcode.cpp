@@ -1,24 +1,17 @@
 #include "tools/convert/images/jpeg_transcode.h"
 
-#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 
 #include "format/jpeg/index.h"
 #include "runtime/images/image.h"
-#include "tests/catch.h"
-#include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/results.h"
 
 using namespace scree;
+using namespace scree::tests;
 using scree::format::JpegTreatment;
-using scree::tests::GuardedBytes;
-using scree::tests::JpegRecipe;
-using scree::tests::make_jpeg;
-using scree::tests::read_bytes;
 using scree::tests::jpeg::Bytes;
 
 namespace {
@@ -26,8 +19,7 @@ namespace {
 /// Checks that the file can be indexed, and the index opened.
 void check_indexable(const Bytes& file) {
   const auto header = must(format::parse_jpeg(file));
-  const auto bound = must(format::jpeg_index_bound(header, file.size()));
-  Bytes out(bound);
+  Bytes out(must(format::jpeg_index_bound(header, file.size())));
   const auto encoded = must(format::encode_jpeg_index(out, header, file));
   CHECK(encoded.dropped_bytes == 0);
   must(format::open_jpeg_index(std::span<const std::byte>(out).first(encoded.bytes)));
@@ -95,10 +87,7 @@ TEST_CASE("a progressive JPEG that is cut anywhere is an error, never a picture"
 }
 
 TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocated", "[jpeg_transcode]") {
-  const auto message = [](const Bytes& file) {
-    const auto transcoded = refusal(runtime::transcode_jpeg(file));
-    return transcoded.message;
-  };
+  const auto message = [](const Bytes& file) { return refusal(runtime::transcode_jpeg(file)).message; };
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}});
   recipe.is_progressive = true;
   Bytes file = make_jpeg(recipe);
@@ -139,9 +128,7 @@ TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
 TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or refused", "[jpeg_transcode]") {
   const std::filesystem::path folder = scree::tests::real_models("jpeg");
   if (folder.empty()) return;
-  uint32_t transcoded = 0;
-  uint32_t refused = 0;
-  uint32_t coded = 0;
+  uint32_t transcoded = 0, refused = 0, coded = 0;
   for (const std::filesystem::path& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = read_bytes(path);
@@ -154,8 +141,7 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
         ++transcoded;
         break;
       case JpegTreatment::kReencode: {
-        const auto result = must(runtime::reencode_jpeg(file, 90));
-        check_indexable(result.file);
+        check_indexable(must(runtime::reencode_jpeg(file, 90)).file);
         ++coded;
         break;
       }

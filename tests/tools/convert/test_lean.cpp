@@ -1,6 +1,5 @@
 // Only needed data are stored: for a scene of positions, nothing except the overheads of spec/container.md 7.
 #include <bit>
-#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -9,19 +8,12 @@
 #include "format/bytes.h"
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_layout.h"
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::must_convert;
-using tests::must_open;
-using tests::options_of;
-using tests::PackedFile;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -38,10 +30,7 @@ constexpr uint64_t kPageOverhead = 40 + 4095;
 void make_lean_scene(const std::string& path, bool with_ballast) {
   tests::ModelMaker maker(path);
   uint32_t material = format::kNone;
-  if (with_ballast) {
-    const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
-    maker.textured("nobody's", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-  }
+  if (with_ballast) maker.checker("nobody's");
   for (uint32_t i = 0; i <= 300; ++i) {
     const GridSpec spec{.columns = i == 300 ? 500 : 1 + i % 7,
                         .rows = i == 300 ? 400 : 1 + i % 5,
@@ -56,7 +45,7 @@ void make_lean_scene(const std::string& path, bool with_ballast) {
       grid.attributes.emplace_back("COLOR_0", maker.floats(ones, tools::GltfType::kVec4));
       grid.attributes.emplace_back("TANGENT", maker.floats(ones, tools::GltfType::kVec4));
     }
-    maker.node("", maker.mesh("", {grid}), {static_cast<double>(i), 0, 0});
+    maker.draw("", {grid}, {static_cast<double>(i), 0, 0});
   }
   if (with_ballast) {
     const uint32_t mesh = maker.mesh("nobody draws this", {maker.grid(GridSpec{})});
@@ -84,9 +73,7 @@ std::map<format::TableKind, std::string> tables_of(const PackedFile& packed) {
 /// The bits of a file's triangles and positions, and bounds of the bytes that its chunks take beyond them: the stated
 /// upper bound, and a lower bound without slack and rounding.
 struct Geometry {
-  uint64_t content_bits = 0;
-  uint64_t most_overhead = 0;
-  uint64_t least_overhead = 0;
+  uint64_t content_bits = 0, most_overhead = 0, least_overhead = 0;
 };
 
 void add_indexed(const format::ChunkRecord& chunk, Geometry& sum) {
@@ -180,8 +167,7 @@ void check_overheads(convert::Encoding encoding) {
   options.output = folder.file("ballast.scree");
   options.exclude = "excluded";
   must_convert(options);
-  const PackedFile ballast = must_open(options.output);
-  std::map<format::TableKind, std::string> others = tables_of(ballast);
+  std::map<format::TableKind, std::string> others = tables_of(must_open(options.output));
   CHECK(others.erase(format::TableKind::kLeftOut) == 1);
   CHECK(others.erase(format::TableKind::kLeftOutCosts) == 1);
   for (const auto& [kind, table] : tables) {
@@ -246,13 +232,8 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
   options.output = folder.file("normals.scree");
   must_convert(options);
   const PackedFile with_normals = must_open(options.output);
-  const auto payload = [](const format::Container& file) {
-    uint64_t sum = 0;
-    for (uint64_t i = 0; i < file.chunks().size(); ++i) sum += file.chunks()[i].bytes;
-    return sum;
-  };
   REQUIRE(with_normals.file.chunks().size() == lean.file.chunks().size());
-  check("NORMAL", 301, 12 * vertices, payload(with_normals.file) - payload(lean.file));
+  check("NORMAL", 301, 12 * vertices, tests::chunk_bytes(with_normals.file) - tests::chunk_bytes(lean.file));
   // Four bytes per stored vertex, in streams of multiples of 16 bytes.
   uint64_t colors = 0;
   for (uint64_t i = 0; i < lean.file.chunks().size(); ++i)
@@ -262,13 +243,9 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
 
 TEST_CASE("lean: duplicates are listed with the bytes that they would take", "[lean][inspect]") {
   const TempFolder folder;
-  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
     const GridSpec spec{.uv = true, .indexed = false};
-    for (int i = 0; i < 3; ++i) {
-      const uint32_t material = maker.textured("", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-      maker.node("", maker.mesh("", {maker.grid(spec, material)}), {2.0 * i, 0, 0});
-    }
+    for (int i = 0; i < 3; ++i) maker.draw("", {maker.grid(spec, maker.checker(""))}, {2.0 * i, 0, 0});
   });
   const auto convert = [&](const char* output, bool merge) {
     convert::ConvertOptions options = options_of(folder);
@@ -292,7 +269,7 @@ TEST_CASE("lean: duplicates are listed with the bytes that they would take", "[l
   CHECK(entry("duplicate meshes", false) == 2);
   CHECK(entry("duplicate meshes", true) == 2 * (120 + 104 + merged.file.chunks()[0].bytes));
   CHECK(entry("duplicate images", false) == 2);  // stored once in any case
-  CHECK(entry("duplicate images", true) == 2 * (png.size() + 32));
+  CHECK(entry("duplicate images", true) == 2 * (std::filesystem::file_size(tests::data_path("checker.png")) + 32));
   CHECK(entry("duplicate textures", true) == 2 * 16);
   CHECK(entry("duplicate materials", true) == 2 * 56);
   const format::ChunkRecord& one = merged.file.chunks()[0];

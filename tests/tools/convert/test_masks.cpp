@@ -8,16 +8,12 @@
 #include "runtime/images/png_writer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
-#include "tests/results.h"
+#include "tests/kernels/scene_builder.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/packed_file.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/convert/images/masks.h"
 #include "tools/export/export.h"
-#include "tools/inspect/verify.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -38,14 +34,13 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
 /// Adds a grid whose masked material has `png` as its texture.
 void add_masked(ModelMaker& maker, const std::string& name, const std::vector<std::byte>& png, double cutoff,
                 double factor, bool uv = true, tools::GltfAlpha kind = tools::GltfAlpha::kMask) {
-  tools::GltfMaterial material;
-  material.name = name;
+  tools::GltfMaterial material{.name = name};
   material.texture = maker.writer().add_texture(maker.texture(name, format::ImageCodec::kPng, png));
   material.alpha = kind;
   material.alpha_cutoff = cutoff;
   material.base_color[3] = factor;
   material.double_sided = true;
-  maker.node(name, maker.mesh(name, {maker.grid({.flat = true, .uv = uv}, maker.writer().add_material(material))}));
+  maker.draw(name, {maker.grid({.flat = true, .uv = uv}, maker.writer().add_material(material))});
 }
 
 std::vector<uint64_t> picture_of(const std::string& path, double rise_degrees = 20) {
@@ -55,11 +50,6 @@ std::vector<uint64_t> picture_of(const std::string& path, double rise_degrees = 
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
   REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
   return samples;
-}
-
-uint64_t covered(const std::vector<uint64_t>& samples) {
-  return static_cast<uint64_t>(
-      std::count_if(samples.begin(), samples.end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
 }
 
 }  // namespace
@@ -181,8 +171,7 @@ TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]
       CHECK(file.masks()[i].level_count == 3);
       CHECK((file.materials()[file.masks()[i].material].flags & format::kMaterialAlphaMask) != 0);
     }
-    const auto verified = inspect::verify(file, opened.map.bytes(), 2, {});
-    for (const auto& failure : verified.failures) FAIL_CHECK(failure.error.message);
+    tests::must_verify(opened);
   }
 }
 
@@ -203,8 +192,7 @@ TEST_CASE("a masked picture covers the mask's share, for every coding of its col
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
   // An export restores the alpha, which the JPEG does not have.
   {
-    const tests::PackedFile opened = must_open(folder.file("jpeg.scree"));
-    REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
+    REQUIRE(tools::export_gltf(must_open(folder.file("jpeg.scree")).file, folder.file("back.glb"), {}));
     convert::ConvertOptions options = options_of(folder, "back.glb");
     options.output = folder.file("back.scree");
     CHECK(must_convert(options).masks == 1);
@@ -235,9 +223,8 @@ TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing",
     material.alpha = tools::GltfAlpha::kMask;
     material.alpha_cutoff = cutoff;
     material.double_sided = true;
-    maker.node("grid",
-               maker.mesh("grid", {maker.grid({.flat = true, .uv = has_texture, .color = true, .fading = has_alpha},
-                                              maker.writer().add_material(material))}));
+    maker.draw("grid", {maker.grid({.flat = true, .uv = has_texture, .color = true, .fading = has_alpha},
+                                   maker.writer().add_material(material))});
     maker.finish();
     convert::ConvertOptions options = options_of(folder);
     options.encoding = encoding;

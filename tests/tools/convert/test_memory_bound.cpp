@@ -9,12 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/paths.h"
 #include "tests/tools/flat_images.h"
 #include "tests/tools/gltf/meshopt_streams.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 
 using namespace scree;
 using tests::TempFolder;
@@ -46,7 +43,7 @@ std::string float_bytes(const std::vector<float>& values) {
 
 /// Random triangles, all different, in one accessor, which needs the most memory. `input`: a .gltf; its .bin is written
 /// beside it, 36 bytes per triangle.
-void write_soup(const TempFolder& folder, uint64_t triangles) {
+void write_triangles(const TempFolder& folder, uint64_t triangles) {
   std::ofstream out(folder.file("soup.bin"), std::ios::binary);
   std::vector<float> block;
   uint64_t state = 1;
@@ -152,10 +149,9 @@ std::string check_kept_within(const TempFolder& folder, const std::string& input
   CHECK(tests::stated_peak(said) > uint64_t{32} << 20);
   CHECK(tests::stated_peak(said) <= memory);
   CHECK(said.find("of 8 threads (--memory)") != std::string::npos);
-  const tests::ProgramRun one = tests::run_program(
-      {"convert", folder.file(input), "-o", folder.file("one.scree"), "--source-ids", "--threads", "1"},
-      folder.file("log"));
-  REQUIRE(one.exit_code == 0);
+  const tests::ProgramRun one =
+      tests::must_run({"convert", folder.file(input), "-o", folder.file("one.scree"), "--source-ids", "--threads", "1"},
+                      folder.file("log"));
   CHECK((tests::read_whole(folder.file("one.scree")) == tests::read_whole(folder.file("out.scree"))));
   return said;
 }
@@ -250,9 +246,7 @@ TEST_CASE("convert refuses a document that exceeds --memory while reading it", "
   CHECK(needed > 200);
   // The reported memory must equal the used memory.
   const tests::ProgramRun whole =
-      tests::run_program({"convert", folder.file("scene.gltf"), "--threads", "1"}, folder.file("log"));
-  INFO(whole.output);
-  REQUIRE(whole.exit_code == 0);
+      tests::must_run({"convert", folder.file("scene.gltf"), "--threads", "1"}, folder.file("log"));
   const uint64_t peak = tests::stated_peak(whole.output) >> 20;
   CAPTURE(needed, peak);
   CHECK(needed <= peak + peak / 4);
@@ -261,7 +255,7 @@ TEST_CASE("convert refuses a document that exceeds --memory while reading it", "
 
 TEST_CASE("convert keeps within --memory with any number of threads", "[convert][memory]") {
   const TempFolder folder;
-  write_soup(folder, 10 * 262144);
+  write_triangles(folder, 10 * 262144);
   check_kept_within(folder, "soup.gltf", uint64_t{280} << 20, uint64_t{350} << 20);
 }
 

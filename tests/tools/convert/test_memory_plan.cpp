@@ -1,9 +1,6 @@
 // The computed memory of conversions of scenes that are too large for a test to convert.
-#include <cstdint>
-#include <optional>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/common/memory_use.h"
 #include "tools/convert/passes/memory_plan.h"
@@ -59,8 +56,7 @@ TEST_CASE("memory plan: windows of indexed triangles count one vertex per triang
     ConvertOptions options;
     options.memory = memory;
     const MemoryPlan plan = must(MemoryPlan::make(options, scene, std::vector<bool>(kPrimitives, true), 0, 1));
-    const AheadLimits limits = must(plan.ahead());
-    return limits.window;
+    return must(plan.ahead()).window;
   };
   constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies
   const uint64_t least = least_ahead(scene);

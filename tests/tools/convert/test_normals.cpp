@@ -2,12 +2,9 @@
 #include <cmath>
 #include <map>
 
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/packed_file.h"
 #include "tools/convert/windows/face_normals.h"
 #include "tools/gltf/source.h"
 
@@ -75,20 +72,17 @@ bool has_normals(const format::Container& file, uint64_t mesh) {
 TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "[convert][normals]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
-    const auto add = [&](const char* name, tools::GltfPrimitive primitive) {
-      maker.node(name, maker.mesh(name, {std::move(primitive)}));
-    };
-    add("faces", ground(maker, 6, [](uint32_t) { return 0.0; }));
-    add("nearly", ground(maker, 6, [](uint32_t) { return 0.09; }));
-    add("not quite", ground(maker, 6, [](uint32_t) { return 0.11; }));
-    add("one", ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; }));
-    add("inwards", ground(maker, 6, [](uint32_t) { return 180.0; }));
+    maker.draw("faces", {ground(maker, 6, [](uint32_t) { return 0.0; })});
+    maker.draw("nearly", {ground(maker, 6, [](uint32_t) { return 0.09; })});
+    maker.draw("not quite", {ground(maker, 6, [](uint32_t) { return 0.11; })});
+    maker.draw("one", {ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; })});
+    maker.draw("inwards", {ground(maker, 6, [](uint32_t) { return 180.0; })});
     // From 2^21 on floats have steps of a quarter, so that face normals are inexact.
-    add("far away", ground(
-                        maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
+    const auto ten = [](uint32_t) { return 10.0; };
+    maker.draw("far away", {ground(maker, 6, ten, 4e6f)});
     tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
     unlit.material = maker.writer().add_material({.unlit = true});
-    add("unlit", std::move(unlit));
+    maker.draw("unlit", {unlit});
   });
   ConvertOptions options = auto_options(folder);
   options.share = false;
@@ -119,7 +113,7 @@ TEST_CASE("normals of 8-bit components equal the faces' within a degree", "[conv
   const TempFolder folder;
   for (const double degrees : {0.0, 0.9, 1.1}) {
     tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
-      maker.node("", maker.mesh("", {ground(maker, 3, [&](uint32_t) { return degrees; })}));
+      maker.draw("", {ground(maker, 3, [&](uint32_t) { return degrees; })});
     });
     const auto scene = must(import_gltf(folder.file("in.glb"), {}));
     const Primitive& primitive = scene.primitives[0];
@@ -144,8 +138,7 @@ TEST_CASE("normals: the result does not depend on threads or on the place of the
   constexpr uint32_t kSide = 400;  // 320,000 triangles: two windows
   for (const uint32_t odd : {0u, 2 * kSide * kSide - 1, UINT32_MAX}) {
     tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
-      maker.node(
-          "", maker.mesh("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })}));
+      maker.draw("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })});
     });
     std::string first;
     for (const uint32_t threads : {1u, 4u}) {
@@ -166,8 +159,8 @@ TEST_CASE("normals: meshes that differ only in dropped normals are duplicates", 
   const TempFolder folder;
   const auto stored = [&](double a, double b) {
     tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
-      maker.node("a", maker.mesh("a", {ground(maker, 4, [&](uint32_t) { return a; })}));
-      maker.node("b", maker.mesh("b", {ground(maker, 4, [&](uint32_t) { return b; })}));
+      maker.draw("a", {ground(maker, 4, [&](uint32_t) { return a; })});
+      maker.draw("b", {ground(maker, 4, [&](uint32_t) { return b; })});
     });
     const ConvertOptions options = auto_options(folder);
     must_convert(options);

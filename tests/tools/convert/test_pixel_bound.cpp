@@ -5,8 +5,6 @@
 #include <random>
 #include <vector>
 
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
@@ -42,14 +40,13 @@ Vector corner(const PixelBound& bound) {
 void make_textured_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   tests::GridSpec grid{.columns = 24, .rows = 24};
-  maker.node("plain", maker.mesh("plain", {maker.grid(grid)}));
+  maker.draw("plain", {maker.grid(grid)});
   grid.columns = 20;
-  const uint32_t large = maker.node("large", maker.mesh("large", {maker.grid(grid)}), {3, 0, 0});
-  tools::GltfNode& node = maker.writer().node(large);
+  tools::GltfNode& node = maker.writer().node(maker.draw("large", {maker.grid(grid)}, {3, 0, 0}));
   node.local = {3, 0, 0, 0, 0, 0, 1, 100, 100, 100};
   grid.columns = 16;
   grid.origin = {4e6f, 0, 0};
-  maker.node("far", maker.mesh("far", {maker.grid(grid)}));
+  maker.draw("far", {maker.grid(grid)});
   maker.finish();
 }
 

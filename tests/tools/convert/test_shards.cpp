@@ -6,10 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -28,21 +26,18 @@ void make_sharded_scene(const std::string& path, bool is_large) {
   ModelMaker maker(path);
   tests::JpegRecipe recipe{.width = 100, .height = 100, .factors = {{2, 2}, {1, 1}, {1, 1}}};
   const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
-  const std::string png = tests::read_whole(tests::data_path("checker.png").string());
-  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-  const uint32_t again = maker.textured("again", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  const uint32_t checker = maker.checker("png"), again = maker.checker("again");
   recipe.width = 72;
   const uint32_t other = maker.textured("other", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
   const GridSpec large{.columns = is_large ? 600u : 60u, .rows = 500, .uv = true};
   GridSpec small{.uv = true, .color = true};
-  maker.node("large", maker.mesh("large", {maker.grid(large, jpeg), maker.grid(small, checker)}));
-  maker.node("small", maker.mesh("small", {maker.grid(small, again)}), {2, 0, 0});
-  maker.node("equal", maker.mesh("equal", {maker.grid(small, checker)}), {3, 0, 0});
+  maker.draw("large", {maker.grid(large, jpeg), maker.grid(small, checker)});
+  maker.draw("small", {maker.grid(small, again)}, {2, 0, 0});
+  maker.draw("equal", {maker.grid(small, checker)}, {3, 0, 0});
   maker.mesh("not drawn", {maker.grid(small)});
   for (int i = 0; i < 20; ++i) {
     small.columns = static_cast<uint32_t>(4 + i);
-    const std::string name = "grid " + std::to_string(i);
-    maker.node(name, maker.mesh(name, {maker.grid(small, i % 2 == 0 ? other : checker)}), {4.0 + i, 0, 0});
+    maker.draw("grid " + std::to_string(i), {maker.grid(small, i % 2 == 0 ? other : checker)}, {4.0 + i, 0, 0});
   }
   maker.finish();
 }
@@ -101,26 +96,19 @@ class Sharded {
     CHECK(merged.output_bytes == expected.size());
   }
 
-  /// The message of a merge that is refused and leaves nothing behind.
-  std::string refusal(const std::vector<std::string>& shards, ErrorCode code) const {
+  /// Checks that a merge is refused and leaves nothing behind. `words`: a part of the error's message.
+  void must_refuse(const std::vector<std::string>& shards, ErrorCode code, const std::string& words,
+                   int line = __builtin_LINE()) const {
     fs::remove(folder_.file("merged.scree"));
-    const auto merged = scree::refusal(merge(shards));
-    CHECK(merged.code == code);
+    check_refusal(merge(shards), code, words, __builtin_FILE(), line);
     CHECK_FALSE(fs::exists(folder_.file("merged.scree")));
     CHECK_FALSE(fs::exists(folder_.file("merged.scree.part")));
-    return merged.message;
   }
 
  private:
   TempFolder folder_;
   std::string input_;
 };
-
-bool has(const std::string& text, const std::string& part) {
-  INFO(text);
-  CHECK(text.find(part) != std::string::npos);
-  return true;
-}
 
 }  // namespace
 
@@ -186,10 +174,10 @@ TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shar
 TEST_CASE("shards that do not belong together are refused with their names", "[convert][shards]") {
   const Sharded scene;
   const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
-  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage), "x.3.part: is one of 3 shards; missing: 2");
+  scene.must_refuse({shards[0], shards[2]}, ErrorCode::kUsage, "x.3.part: is one of 3 shards; missing: 2");
   fs::copy_file(shards[0], scene.folder().file("copy.part"));
-  has(scene.refusal({shards[0], shards[1], shards[2], scene.folder().file("copy.part")}, ErrorCode::kUsage),
-      "copy.part: is shard 3 of 3, as " + shards[0] + " is");
+  scene.must_refuse({shards[0], shards[1], shards[2], scene.folder().file("copy.part")}, ErrorCode::kUsage,
+                    "copy.part: is shard 3 of 3, as " + shards[0] + " is");
 
   ConvertOptions other = scene.options();
   other.shards = 3;
@@ -197,32 +185,30 @@ TEST_CASE("shards that do not belong together are refused with their names", "[c
   other.position_bits = 14;
   other.output = scene.folder().file("other.part");
   REQUIRE(convert::convert(other));
-  const std::string message = scene.refusal({shards[0], other.output, shards[2]}, ErrorCode::kUsage);
-  has(message, "other.part: is from another conversion than ");
-  has(message, "--positions 14");
+  for (const char* const words : {"other.part: is from another conversion than ", "--positions 14"})
+    scene.must_refuse({shards[0], other.output, shards[2]}, ErrorCode::kUsage, words);
   other = scene.options();
   other.shards = 4;
   other.output = scene.folder().file("other.part");
   REQUIRE(convert::convert(other));
-  has(scene.refusal({shards[0], shards[1], other.output}, ErrorCode::kUsage), "is one of 4, but the first one of 3");
+  scene.must_refuse({shards[0], shards[1], other.output}, ErrorCode::kUsage, "is one of 4, but the first one of 3");
 
   (void)scene.one_run(scene.options());
-  has(scene.refusal({scene.folder().file("one.scree")}, ErrorCode::kUsage),
-      "one.scree: is a .scree file, but no shard");
-  has(scene.refusal({scene.folder().file("nothing.part")}, ErrorCode::kFile), "nothing.part");
-  has(scene.refusal({scene.input()}, ErrorCode::kFormat), "scene.gltf");
+  scene.must_refuse({scene.folder().file("one.scree")}, ErrorCode::kUsage, "one.scree: is a .scree file, but no shard");
+  scene.must_refuse({scene.folder().file("nothing.part")}, ErrorCode::kFile, "nothing.part");
+  scene.must_refuse({scene.input()}, ErrorCode::kFormat, "scene.gltf");
 
   // A source that has changed since, and a shard of the changed source.
   const std::string bin = scene.folder().file("in/scene.bin");
   fs::last_write_time(bin, fs::last_write_time(bin) + std::chrono::seconds(5));
-  has(scene.refusal(shards, ErrorCode::kFile), "x.1.part: scene.bin has changed since the shards were made");
+  scene.must_refuse(shards, ErrorCode::kFile, "x.1.part: scene.bin has changed since the shards were made");
   other = scene.options();
   other.shards = 3;
   other.shard = 1;
   other.output = scene.shard(2);
   REQUIRE(convert::convert(other));
-  has(scene.refusal(shards, ErrorCode::kUsage),
-      "x.2.part: is from another conversion than " + shards[0] + ": it was made from scene.bin of ");
+  scene.must_refuse(shards, ErrorCode::kUsage,
+                    "x.2.part: is from another conversion than " + shards[0] + ": it was made from scene.bin of ");
 }
 
 TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]") {
@@ -256,10 +242,8 @@ TEST_CASE("all data of a shard are checked against the source", "[convert][shard
   const std::vector<std::byte> plan = convert::pack_plan(opened.plan);
   const std::vector<std::byte> share = convert::pack_share(opened.files[0].share);
   // Unpacking returns the packed plan. Every shorter text is refused.
-  const auto again = must(convert::unpack_plan(plan));
-  CHECK(convert::pack_plan(again) == plan);
-  const auto share_again = must(convert::unpack_share(share));
-  CHECK(convert::pack_share(share_again) == share);
+  CHECK(convert::pack_plan(must(convert::unpack_plan(plan))) == plan);
+  CHECK(convert::pack_share(must(convert::unpack_share(share))) == share);
   for (size_t size = 0; size < plan.size(); size += 1 + size / 64)
     CHECK_FALSE(
         convert::unpack_plan(std::vector<std::byte>(plan.begin(), plan.begin() + static_cast<ptrdiff_t>(size))));

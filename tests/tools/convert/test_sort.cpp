@@ -14,10 +14,8 @@
 #include <vector>
 
 #include "format/container/part_file.h"
-#include "tests/catch.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/gltf/read_all.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
 #include "tools/convert/sort/sort_primitive.h"
@@ -93,18 +91,6 @@ Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t j
 std::vector<uint32_t> all_numbers(const Accessor& accessor) {
   std::vector<uint32_t> out(accessor.count);
   REQUIRE(read_elements(accessor, 0, accessor.count, std::as_writable_bytes(std::span(out))));
-  return out;
-}
-
-std::vector<float> all_values(const Accessor& accessor) {
-  std::vector<float> out(accessor.count * accessor.components);
-  REQUIRE(read_floats(accessor, 0, accessor.count, out));
-  return out;
-}
-
-std::vector<uint32_t> all_corners(const Primitive& primitive) {
-  std::vector<uint32_t> out(3 * primitive.triangle_count());
-  REQUIRE(read_triangles(primitive, 0, primitive.triangle_count(), out));
   return out;
 }
 
@@ -279,8 +265,8 @@ TEST_CASE("sort: points that are not finite or all equal are sorted", "[sort]") 
   positions[38] = -INFINITY;
   positions[60] = 1e30f;
   primitive.positions = accessor_of(positions, 3, ComponentType::kFloat32);
-  const Primitive copy = must_sort(folder, primitive, 0, {2, 100});
-  CHECK((all_numbers(copy.numbers->triangles).size() == primitive.triangle_count()));
+  CHECK(
+      (all_numbers(must_sort(folder, primitive, 0, {2, 100}).numbers->triangles).size() == primitive.triangle_count()));
   // Far vertices must not reduce the resolution of the others.
   Primitive large = shuffled(300, 50, PrimitiveMode::kTriangles);
   std::vector<float> with_far = all_values(large.positions);
@@ -340,7 +326,7 @@ TEST_CASE("sort: triangles keep their numbers, and equal meshes are stored once"
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false, 2);
   ConvertOptions options = options_of(folder);
-  options.encoding = Encoding::kClustered;
+  options.encoding = convert::Encoding::kClustered;
   CHECK(must_match(options).sorted_triangles == 2 * 532480);
   CHECK(tests::must_open(options.output).file.meshes().size() == 1);
 }

@@ -7,22 +7,15 @@
 #include "format/geometry/tangent_codec.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/packed_file.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/export/export.h"
 #include "tools/gltf/source.h"
 
 using namespace scree;
 using namespace scree::convert;
-using tests::left_out;
-using tests::must_convert;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 using tools::GltfType;
 
 namespace {
@@ -39,8 +32,8 @@ format::SurfaceRecord plain_surface() {
 
 uint32_t white_texture(tests::ModelMaker& maker) {
   const std::vector<uint8_t> white(4 * 4 * 4, 255);
-  const auto png = must(runtime::encode_png({4, 4, 4, white}));
-  return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, png));
+  return maker.writer().add_texture(
+      maker.texture("white", format::ImageCodec::kPng, must(runtime::encode_png({4, 4, 4, white}))));
 }
 
 /// A strip of `n` squares along x that is bent by `bend` radians per square, with normals and tangents at the corners.
@@ -139,7 +132,7 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
     second.tex_coord = 1;
     const uint32_t with_both = maker.writer().add_material(both);
     const auto add = [&](const char* name, uint32_t material, bool has_second) {
-      maker.node(name, maker.mesh(name, {primitive_of(maker, made, material, has_second, false)}));
+      maker.draw(name, {primitive_of(maker, made, material, has_second, false)});
     };
     add("both", with_both, true);
     add("first only", maker.writer().add_material(first), true);
@@ -200,8 +193,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   struct Case {
     const char* name;
     Strip strip;
-    bool is_mapped = true;
-    bool expected = false;
+    bool is_mapped = true, expected = false;
   };
   std::vector<Case> cases{{"flat", strip(8, 0, 0, 1, 1)},
                           {"flat and mirrored", strip(8, 0, 0, -1, -1)},
@@ -217,8 +209,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
     mapped = plain;
     mapped.surface->textures[static_cast<size_t>(format::SurfaceUse::kNormalMap)].texture = plain.texture;
     const uint32_t materials[] = {maker.writer().add_material(plain), maker.writer().add_material(mapped)};
-    for (const Case& c : cases)
-      maker.node(c.name, maker.mesh(c.name, {primitive_of(maker, c.strip, materials[c.is_mapped], false, true)}));
+    for (const Case& c : cases) maker.draw(c.name, {primitive_of(maker, c.strip, materials[c.is_mapped], false, true)});
   });
   ConvertOptions options = auto_options(folder);
   must_convert(options);

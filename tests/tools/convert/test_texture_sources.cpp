@@ -5,13 +5,10 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
-#include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/packed_file.h"
 #ifdef SCREE_TESTS_WEBP
 #include "tests/runtime/images/webp_files.h"
 #endif
@@ -135,8 +132,7 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
     CHECK(image.channels == (has_alpha ? 4 : 3));
     std::vector<std::byte> scratch;
     const auto page = must(packed.file.load_page(image.page, scratch));
-    const auto decoded = must(runtime::decode_image(page));
-    CHECK((decoded.rgba == pixels));
+    CHECK((must(runtime::decode_image(page)).rgba == pixels));
     CHECK_FALSE(runtime::probe_image(page)->is_webp);
   }
 #endif

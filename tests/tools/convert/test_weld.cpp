@@ -1,10 +1,8 @@
 // Equal vertices are stored once: the classes compared with brute force, and convert's output.
 #include <bit>
-#include <cstdint>
 #include <random>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/sanitized.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -12,24 +10,13 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::left_out;
-using tests::must_convert;
-using tests::must_match;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
 uint64_t stored_vertices(const format::Container& file) {
   uint64_t sum = 0;
   for (uint64_t i = 0; i < file.meshes().size(); ++i) sum += file.meshes()[i].vertex_count;
-  return sum;
-}
-
-uint64_t payload_bytes(const format::Container& file) {
-  uint64_t sum = 0;
-  for (uint64_t i = 0; i < file.chunks().size(); ++i) sum += file.chunks()[i].bytes;
   return sum;
 }
 
@@ -112,10 +99,9 @@ TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[
     ConvertOptions options = options_of(folder);
     options.encoding = encoding;
     options.order = order;
-    const ConvertReport report = must_match(options);
-    REQUIRE(report.triangles == 307200);
+    REQUIRE(must_match(options).triangles == 307200);
     const tests::PackedFile packed = must_open(options.output);
-    bytes[indexed] = payload_bytes(packed.file);
+    bytes[indexed] = tests::chunk_bytes(packed.file);
     vertices[indexed] = stored_vertices(packed.file);
     // Every square has six corners, and all but one belong to vertices of other squares too. The row that two windows
     // share counts twice.
@@ -138,8 +124,7 @@ TEST_CASE("weld: --no-weld keeps every vertex of the source, and any number of t
   std::string first;
   for (const uint32_t threads : {1u, 2u, 5u}) {
     options.threads = threads;
-    must_convert(options);
-    const std::string bytes = tests::read_whole(options.output);
+    const std::string bytes = tests::converted_bytes(options);
     if (first.empty()) first = bytes;
     CHECK(bytes == first);
   }
@@ -167,11 +152,11 @@ TEST_CASE("weld: vertices with different stored attributes stay apart", "[weld]"
   const std::vector<float> equal{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 1, 1, 1, 0, -0.0f, 1};
   const std::vector<float> one_differs{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 1, 1, 1, 0, 0.25f, 1};
   const std::vector<float> not_numbers{1, 0, 0, nan, 1, 0, 0, 0, 1, nan, 1, 0, 1, 1, 1, 0, 0, 1};
-  maker.node("plain", maker.mesh("plain", {loose({}, false)}));
-  maker.node("equal", maker.mesh("equal", {loose(equal, false)}));
-  maker.node("differs", maker.mesh("differs", {loose(one_differs, false)}));
-  maker.node("nan", maker.mesh("nan", {loose(not_numbers, false)}));
-  maker.node("normals", maker.mesh("normals", {loose({}, true)}), {0, 0, 1});
+  maker.draw("plain", {loose({}, false)});
+  maker.draw("equal", {loose(equal, false)});
+  maker.draw("differs", {loose(one_differs, false)});
+  maker.draw("nan", {loose(not_numbers, false)});
+  maker.draw("normals", {loose({}, true)}, {0, 0, 1});
   maker.finish();
   ConvertOptions options = options_of(folder);
   must_match(options);
@@ -192,11 +177,9 @@ TEST_CASE("weld: vertices with different stored attributes stay apart", "[weld]"
 
 TEST_CASE("weld: minus zero equals zero on a lattice, but not as a float", "[weld]") {
   const TempFolder folder;
-  tests::ModelMaker maker(folder.file("in.glb"));
   std::vector<float> points = quad();
   points[11] = -0.0f;  // z of the second triangle's first corner, which is also the first triangle's second corner
-  maker.node("node", maker.mesh("mesh", {maker.primitive(points, {})}));
-  maker.finish();
+  tests::make_model(folder.file("in.glb"), points, {});
   ConvertOptions options = options_of(folder);
   must_match(options);
   CHECK(stored_vertices(must_open(options.output).file) == 4);

@@ -6,9 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "format/bytes.h"
-#include "tests/catch.h"
 #include "tests/full_disk.h"
-#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/json_writer.h"
@@ -37,16 +35,12 @@ void fill(GltfWriter& writer) {
   const uint32_t image = must(writer.add_image("a/b ü", format::ImageCodec::kPng, bytes_of("PNG")));
   REQUIRE(writer.add_image("A/B ü", format::ImageCodec::kPng, bytes_of("PNG2")));
   const GltfTexture texture{.image = image, .wrap_t = format::Wrap::kClamp};
-  GltfMaterial material;
-  material.name = "quote \" back \\ bell \a \xff umlaut ü";
-  material.texture = writer.add_texture(texture);
+  GltfMaterial material{.name = "quote \" back \\ bell \a \xff umlaut ü", .texture = writer.add_texture(texture)};
   material.transform.scale[0] = 0.5;
   material.unlit = true;
   GltfMesh mesh{"mesh", {{{{"POSITION", position}}, format::kNone, writer.add_material(material)}}};
   const uint32_t mesh_index = writer.add_mesh(mesh);
-  GltfNode node;
-  node.name = "leaf";
-  node.mesh = mesh_index;
+  GltfNode node{.name = "leaf", .mesh = mesh_index};
   node.local[0] = 0.1f;
   const uint32_t leaf = writer.add_node(node);
   const GltfNode root{
@@ -119,8 +113,7 @@ TEST_CASE("a .glb that exceeds the lengths of version 2 has version 3", "[gltf_w
     const uint64_t binary_bytes = format::load<uint64_t>(bytes + chunk + 8);
     CHECK(chunk + 16 + binary_bytes == wide.size());
     CHECK(binary_bytes - document["buffers"][0]["byteLength"].get<uint64_t>() < 8);
-    const float x = format::load<float>(bytes + chunk + 16 + 12);
-    CHECK(x == 0.1f);
+    CHECK(format::load<float>(bytes + chunk + 16 + 12) == 0.1f);
   }
   // convert's reader returns the written data.
   tests::ModelMaker maker(folder.file("y.glb"));
@@ -225,10 +218,7 @@ TEST_CASE("JSON numbers and strings are read as they were written", "[gltf_write
   writer.end_array();
   CHECK(!writer.met_non_finite());
   const json parsed = json::parse(text);
-  for (size_t i = 0; i < std::size(numbers); ++i) {
-    const double read = parsed[i].get<double>();
-    CHECK(read == numbers[i]);
-  }
+  for (size_t i = 0; i < std::size(numbers); ++i) CHECK(parsed[i].get<double>() == numbers[i]);
   CHECK(parsed[std::size(numbers)]["k\""] == 0xffffffffffffffff);
   CHECK(json::parse("\"" + json_escaped("\xed\xa0\x80 \xc0\x80 \xf0\x9f\x98\x80 \xe2\x82") + "\"") ==
         "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd \xef\xbf\xbd\xef\xbf\xbd \xf0\x9f\x98\x80 \xef\xbf\xbd\xef\xbf\xbd");

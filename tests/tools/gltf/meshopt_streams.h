@@ -31,8 +31,7 @@ Bytes bytes_of(const std::vector<T>& values) {
 /// A stream and its unpacked content.
 struct Packed {
   DocMeshopt stated;
-  Bytes stream;
-  Bytes raw;
+  Bytes stream, raw;
 };
 
 inline Packed packed(Mode mode, uint64_t count, uint64_t stride, const unsigned char* stream, size_t bytes, Bytes raw) {

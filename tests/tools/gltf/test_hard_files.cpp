@@ -13,21 +13,15 @@
 #include "kernels/visbuffer.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/raster/hard_cases.h"
 #include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
 using namespace scree;
-using tests::must_convert;
-using tests::must_match;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -71,7 +65,7 @@ void make_room(const std::string& path) {
           }
           tools::GltfPrimitive tile = maker.primitive(points, corners);
           tile.material = both_sides;
-          maker.node("tile", maker.mesh("tile", {tile}));
+          maker.draw("tile", {tile});
         }
       }
     }
@@ -84,10 +78,7 @@ void make_room(const std::string& path) {
 uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
   const auto scene = must(runtime::Scene::open(path, {false, 2}));
   std::optional<runtime::DeviceScene> device;
-  if (on_gpu) {
-    runtime::DeviceScene uploaded = must(runtime::DeviceScene::upload(scene, 0, 2));
-    device.emplace(std::move(uploaded));
-  }
+  if (on_gpu) device.emplace(must(runtime::DeviceScene::upload(scene, 0, 2)));
   std::mt19937 random(71);
   std::uniform_real_distribution<double> unit(-1, 1);
   uint64_t cracks = 0;
@@ -95,7 +86,7 @@ uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
     const std::array<double, 3> eye{4 * unit(random), 4 * unit(random), 4 * unit(random)};
     const kernels::View view =
         tests::look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + unit(random)}, 320, 240, 0.01, 1.2);
-    auto frame = must(tests::Frame::draw(scene, view, 1, 2, device ? &*device : nullptr));
+    auto frame = tests::must_draw(scene, view, 1, device ? &*device : nullptr);
     REQUIRE(frame.read_samples());
     const auto is_background = [](uint64_t sample) { return sample == kernels::kBackground; };
     cracks += static_cast<uint64_t>(std::count_if(frame.samples().begin(), frame.samples().end(), is_background));
@@ -175,9 +166,7 @@ TEST_CASE("hard: georeferenced detail is kept by the node's translation, not by 
   for (size_t i = 0; i < ball.positions.size(); ++i)
     moved.push_back(static_cast<float>(static_cast<double>(ball.positions[i]) + away[i % 3]));
   const auto error_of = [&](const std::vector<float>& points, const std::array<double, 3>& node) {
-    tests::ModelMaker maker(folder.file("in.glb"));
-    maker.node("node", maker.mesh("mesh", {maker.primitive(points, ball.indices)}), node);
-    maker.finish();
+    tests::make_model(folder.file("in.glb"), points, ball.indices, node);
     convert::ConvertOptions options = options_of(folder);
     options.order = convert::Order::kNone;  // and one chunk, so that vertices are as in the source
     options.encoding = convert::Encoding::kIndexed;
@@ -255,16 +244,11 @@ TEST_CASE("hard: a GPU shades texture coordinates in the thousands as the CPU do
     const auto scene = must(runtime::Scene::open(options.output, {true, 2}));
     runtime::DeviceScene device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::look_at({0.5, 1.2, 1.5}, {0.5, 0, 0.5}, 320, 240, 0.01, 1.2);
-    const auto on_cpu = must(tests::Frame::draw(scene, view, 1, 2));
-    const auto on_gpu = must(tests::Frame::draw(scene, view, 1, 2, &device));
-    const auto expected = must(on_cpu.shade({}, 2));
-    const auto found = must(on_gpu.shade({}, 2));
-    REQUIRE(expected.size() == found.size());
-    size_t differing = 0;
-    for (size_t i = 0; i < expected.size(); ++i) differing += std::abs(expected[i] - found[i]) > 1 ? 1 : 0;
+    const auto expected = tests::must_picture(scene, view);
+    const size_t wrong = tests::differing(expected, tests::must_picture(scene, view, 1, &device));
     tests::note("texture coordinates at " + std::to_string(static_cast<int>(offset)) + " on the GPU",
-                std::to_string(differing) + " of " + std::to_string(expected.size()) +
+                std::to_string(wrong) + " of " + std::to_string(expected.size()) +
                     " bytes differ from the CPU's by more than one level");
-    CHECK(differing <= expected.size() / 10000);
+    CHECK(wrong <= expected.size() / 10000);
   }
 }

@@ -8,14 +8,10 @@
 
 #include "format/bytes.h"
 #include "format/layout.h"
-#include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/format/jpeg/jpeg_checks.h"
-#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/tools/model_maker.h"
-#include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
 namespace {

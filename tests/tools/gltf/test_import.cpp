@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
+#include "tests/tools/gltf/read_all.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/gltf/source.h"
 
@@ -20,9 +20,7 @@ namespace {
 using Triangles = std::vector<uint32_t>;
 
 SourceScene import_file(const std::string& path, const ImportOptions& options = {}) {
-  auto scene = import_gltf(path, options);
-  if (!scene) FAIL(scene.error().message);
-  return std::move(scene).value();
+  return must(import_gltf(path, options));
 }
 
 SourceScene import_data(const char* name, const ImportOptions& options = {}) {
@@ -30,20 +28,13 @@ SourceScene import_data(const char* name, const ImportOptions& options = {}) {
 }
 
 Triangles all_triangles(const Primitive& primitive) {
-  Triangles out(primitive.triangle_count() * 3);
-  must(read_triangles(primitive, 0, primitive.triangle_count(), out));
+  const Triangles out = tests::all_corners(primitive);
   // Reading triangle by triangle gives the same result: strips reverse every other triangle, wherever a window begins.
   for (uint64_t i = 0; i < primitive.triangle_count(); ++i) {
     std::array<uint32_t, 3> one;
     REQUIRE(read_triangles(primitive, i, 1, one));
     CHECK(std::equal(one.begin(), one.end(), out.begin() + static_cast<std::ptrdiff_t>(i * 3)));
   }
-  return out;
-}
-
-std::vector<float> all_floats(const Accessor& accessor) {
-  std::vector<float> out(accessor.count * accessor.components);
-  must(read_floats(accessor, 0, accessor.count, out));
   return out;
 }
 
@@ -78,7 +69,7 @@ TEST_CASE("a textured cube is imported from a .glb", "[import]") {
 
   const Triangles triangles = all_triangles(cube);
   CHECK(Triangles(triangles.begin(), triangles.begin() + 6) == Triangles{0, 1, 2, 0, 2, 3});
-  for (const float value : all_floats(cube.positions)) CHECK(std::abs(value) == 1.0f);
+  for (const float value : tests::all_values(cube.positions)) CHECK(std::abs(value) == 1.0f);
 
   REQUIRE(scene.materials.size() == 1);
   REQUIRE(scene.textures.size() == 1);
@@ -105,7 +96,7 @@ TEST_CASE("two instances of a mesh are imported from a .gltf and its .bin", "[im
   REQUIRE(scene.primitives.size() == 1);
   CHECK(scene.primitives[0].material == format::kNone);
   CHECK(all_triangles(scene.primitives[0]) == kTetrahedronTriangles);
-  CHECK(all_floats(scene.primitives[0].positions) == kTetrahedron);
+  CHECK(tests::all_values(scene.primitives[0].positions) == kTetrahedron);
   REQUIRE(scene.nodes.size() == 2);
   CHECK(scene.nodes[0].name == "left");
   CHECK(scene.nodes[0].group == 0);
@@ -120,7 +111,7 @@ TEST_CASE("a data: URI holds a buffer", "[import]") {
   const SourceScene scene = import_data("data_uri.gltf");
   REQUIRE(scene.primitives.size() == 1);
   CHECK(all_triangles(scene.primitives[0]) == kTetrahedronTriangles);
-  CHECK(all_floats(scene.primitives[0].positions) == kTetrahedron);
+  CHECK(tests::all_values(scene.primitives[0].positions) == kTetrahedron);
 
   // The same bytes percent-encoded, some of them as plain characters.
   const std::string text = tests::read_whole(tests::data_path("data_uri.gltf").string());
@@ -136,7 +127,7 @@ TEST_CASE("a data: URI holds a buffer", "[import]") {
   }
   const tests::TempFolder folder;
   const SourceScene again = import_file(folder.write("percent.gltf", tests::replaced(text, uri, percent)));
-  CHECK(all_floats(again.primitives[0].positions) == kTetrahedron);
+  CHECK(tests::all_values(again.primitives[0].positions) == kTetrahedron);
 }
 
 TEST_CASE("indices of 8, 16 and 32 bits and no indices give the same triangles", "[import]") {
@@ -181,13 +172,10 @@ TEST_CASE("interleaved attributes are read with their stride", "[import]") {
   REQUIRE(scene.primitives.size() == 1);
   const Primitive& quad = scene.primitives[0];
   CHECK(quad.positions.stride == 40);
-  CHECK(all_floats(quad.positions) == std::vector<float>{-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0});
-  REQUIRE(quad.uv);
-  CHECK(all_floats(*quad.uv) == std::vector<float>{0, 1, 1, 1, 1, 0, 0, 0});
-  REQUIRE(quad.normal);
-  CHECK(all_floats(*quad.normal) == std::vector<float>{0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1});
-  REQUIRE(quad.color);
-  const std::vector<float> colors = all_floats(*quad.color);
+  CHECK(tests::all_values(quad.positions) == std::vector<float>{-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0});
+  CHECK(tests::all_values(quad.uv) == std::vector<float>{0, 1, 1, 1, 1, 0, 0, 0});
+  CHECK(tests::all_values(quad.normal) == std::vector<float>{0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1});
+  const std::vector<float> colors = tests::all_values(quad.color);
   CHECK(colors[0] == 1.0f);
   CHECK(colors[1] == 0.0f);
   CHECK(colors[15] == 128.0f / 255.0f);
@@ -199,16 +187,15 @@ TEST_CASE("sparse accessors replace values of a base, of zeros and of indices", 
   const SourceScene scene = import_data("sparse.gltf");
   REQUIRE(scene.primitives.size() == 3);
   std::vector<float> grid;
-  for (int y = 0; y < 3; ++y) {
+  for (int y = 0; y < 3; ++y)
     for (int x = 0; x < 3; ++x) grid.insert(grid.end(), {static_cast<float>(x), static_cast<float>(y), 0.0f});
-  }
   std::vector<float> raised = grid;
   raised[4 * 3 + 2] = 0.5f;
   raised[8 * 3] = raised[8 * 3 + 1] = 2.5f;
   raised[8 * 3 + 2] = 1.0f;
-  CHECK(all_floats(scene.primitives[0].positions) == raised);
+  CHECK(tests::all_values(scene.primitives[0].positions) == raised);
   CHECK(scene.primitives[1].positions.source == nullptr);
-  CHECK(all_floats(scene.primitives[1].positions) == grid);
+  CHECK(tests::all_values(scene.primitives[1].positions) == grid);
   const Triangles turned = all_triangles(scene.primitives[2]);
   CHECK(Triangles(turned.end() - 3, turned.end()) == Triangles{4, 4, 4});
 
@@ -225,9 +212,8 @@ TEST_CASE("sparse accessors replace values of a base, of zeros and of indices", 
     const std::array<uint32_t, 4> some{0, 4, 5, 8};
     std::vector<float> gathered(12);
     REQUIRE(gather_floats(accessor, some, gathered));
-    for (size_t i = 0; i < some.size(); ++i) {
+    for (size_t i = 0; i < some.size(); ++i)
       for (size_t c = 0; c < 3; ++c) CHECK(gathered[i * 3 + c] == whole[some[i] * 3 + c]);
-    }
   }
 }
 
@@ -244,11 +230,9 @@ TEST_CASE("quantised attributes are scaled by glTF's rules", "[import]") {
     for (float& value : expected) value *= top;
     // The first corner has the lowest value of a signed type. Normalised, it becomes -1 like its neighbour.
     if (is_signed) std::fill_n(expected.begin(), 3, normalized ? -1.0f : -top - 1.0f);
-    CHECK(all_floats(primitive.positions) == expected);
-    REQUIRE(primitive.uv);
-    CHECK(all_floats(*primitive.uv)[6] == (normalized ? 1.0f : 2.0f));
-    REQUIRE(primitive.normal);
-    CHECK(all_floats(*primitive.normal)[3] == 1.0f);
+    CHECK(tests::all_values(primitive.positions) == expected);
+    CHECK(tests::all_values(primitive.uv)[6] == (normalized ? 1.0f : 2.0f));
+    CHECK(tests::all_values(primitive.normal)[3] == 1.0f);
   }
 }
 
@@ -289,12 +273,9 @@ TEST_CASE("materials, textures, images and texture coordinates are connected", "
   // Without a texture no coordinates are read. texCoord of KHR_texture_transform overrides that of the texture
   // information.
   CHECK_FALSE(scene.primitives[0].uv);
-  REQUIRE(scene.primitives[1].uv);
-  CHECK(all_floats(*scene.primitives[1].uv)[2] == 1.0f);
-  REQUIRE(scene.primitives[4].uv);
-  CHECK(all_floats(*scene.primitives[4].uv)[2] == 2.0f);
-  REQUIRE(scene.primitives[5].uv);
-  CHECK(all_floats(*scene.primitives[5].uv)[2] == 2.0f);
+  CHECK(tests::all_values(scene.primitives[1].uv)[2] == 1.0f);
+  CHECK(tests::all_values(scene.primitives[4].uv)[2] == 2.0f);
+  CHECK(tests::all_values(scene.primitives[5].uv)[2] == 2.0f);
   CHECK_FALSE(scene.primitives[7].uv);
 
   REQUIRE(find_left_out(scene, "unused materials") != nullptr);
@@ -305,12 +286,10 @@ TEST_CASE("vertex colours of every type give the same values", "[import]") {
   const SourceScene scene = import_data("colors.glb");
   REQUIRE(scene.primitives.size() == 6);
   for (const Primitive& primitive : scene.primitives) {
-    REQUIRE(primitive.color);
-    const std::vector<float> values = all_floats(*primitive.color);
+    const std::vector<float> values = tests::all_values(primitive.color);
     const uint32_t width = primitive.color->components;
-    for (size_t corner = 0; corner < 4; ++corner) {
+    for (size_t corner = 0; corner < 4; ++corner)
       for (size_t c = 0; c < 3; ++c) CHECK(values[corner * width + c] == (corner == 3 || corner == c ? 1.0f : 0.0f));
-    }
     if (width == 4) CHECK(values[15] == 0.0f);
   }
 }
@@ -468,7 +447,7 @@ TEST_CASE("gathering a list of elements equals reading them one by one", "[impor
   std::mt19937 random(7);
   const auto below = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
   for (const Accessor* accessor : {&sheet.positions, &*sheet.uv}) {
-    const std::vector<float> whole = all_floats(*accessor);
+    const std::vector<float> whole = tests::all_values(*accessor);
     for (const uint32_t step : {1u, 2u, 5u, 300u, 5000u}) {
       std::vector<uint32_t> numbers;
       for (uint32_t at = below(3); at < accessor->count; at += 1 + below(step)) numbers.push_back(at);
@@ -506,7 +485,7 @@ TEST_CASE("accessors longer than a window are read completely", "[import]") {
   };
   const auto index = [&](uint64_t i) { return static_cast<uint32_t>((i * 7) % kCount); };
   const SourceScene list = scene_of(4);
-  const std::vector<float> positions = all_floats(list.primitives[0].positions);
+  const std::vector<float> positions = tests::all_values(list.primitives[0].positions);
   for (uint32_t i = 0; i < kCount; ++i) {
     REQUIRE(positions[i * 3] == static_cast<float>(i));
     REQUIRE(positions[i * 3 + 2] == -1.0f);
@@ -515,12 +494,10 @@ TEST_CASE("accessors longer than a window are read completely", "[import]") {
   REQUIRE(read_triangles(list.primitives[0], 0, kCount / 3, triangles));
   for (uint32_t i = 0; i < kCount; ++i) REQUIRE(triangles[i] == index(i));
 
-  const SourceScene strip = scene_of(5);
-  const SourceScene fan = scene_of(6);
+  const SourceScene strip = scene_of(5), fan = scene_of(6);
   constexpr uint64_t kFirst = 4091;
   constexpr uint64_t kSome = 9000;
-  Triangles of_strip(kSome * 3);
-  Triangles of_fan(kSome * 3);
+  Triangles of_strip(kSome * 3), of_fan(kSome * 3);
   REQUIRE(read_triangles(strip.primitives[0], kFirst, kSome, of_strip));
   REQUIRE(read_triangles(fan.primitives[0], kFirst, kSome, of_fan));
   for (uint64_t i = 0; i < kSome; ++i) {

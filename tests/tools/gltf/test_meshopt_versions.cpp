@@ -2,7 +2,6 @@
 // (tests/data/meshopt/make_streams.mjs), and real files compared with its decoded bytes.
 #include <zlib.h>
 
-#include <algorithm>
 #include <cstring>
 #include <filesystem>
 #include <map>
@@ -10,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/gltf/meshopt_streams.h"
+#include "tests/tools/gltf/read_all.h"
 #include "tests/tools/packed_file.h"
 #include "tools/gltf/byte_source.h"
 #include "tools/gltf/meshopt_source.h"
@@ -69,19 +68,12 @@ uint32_t crc_of(const Bytes& bytes) {
 }
 
 /// The bytes of every accessor of a scene's primitives, by kind, in the order of the primitives.
-std::vector<std::vector<float>> all_values(const SourceScene& scene) {
+std::vector<std::vector<float>> values_of(const SourceScene& scene) {
   std::vector<std::vector<float>> out;
   for (const Primitive& primitive : scene.primitives) {
-    std::vector<uint32_t> corners(3 * primitive.triangle_count());
-    REQUIRE(read_triangles(primitive, 0, primitive.triangle_count(), corners));
+    const std::vector<uint32_t> corners = all_corners(primitive);
     out.emplace_back(corners.begin(), corners.end());
-    for (const Accessor* accessor :
-         {&primitive.positions, primitive.uv ? &*primitive.uv : nullptr,
-          primitive.normal ? &*primitive.normal : nullptr, primitive.color ? &*primitive.color : nullptr}) {
-      if (accessor == nullptr) continue;
-      std::vector<float>& values = out.emplace_back(accessor->count * accessor->components);
-      REQUIRE(read_floats(*accessor, 0, accessor->count, values));
-    }
+    for (const Accessor* const accessor : accessors_of(primitive)) out.push_back(all_values(*accessor));
   }
   return out;
 }
@@ -98,8 +90,7 @@ TEST_CASE("meshopt streams of both versions decode to the current library's byte
     INFO(stored.stated.count << " x " << stored.stated.stride << " bytes, filter "
                              << static_cast<int>(stored.stated.filter) << ", version " << version);
     for (const uint64_t window : {MeshoptCache::kWindowBytes, uint64_t{1}}) {  // all at once, block by block
-      const auto bytes = must(unpacked(stored, window));
-      CHECK(crc_of(bytes) == stored.crc);
+      CHECK(crc_of(must(unpacked(stored, window))) == stored.crc);
     }
   }
   CHECK(versions[0] >= 10);
@@ -161,8 +152,7 @@ TEST_CASE("real files of both extensions and versions have the values of their d
     const std::string path = entry.path().string();
     if (!path.ends_with(".glb") || path.ends_with("-decoded.glb")) continue;
     INFO(path);
-    const auto scene = must(import_gltf(path, {}));
-    const std::vector<std::vector<float>> values = all_values(scene);
+    const std::vector<std::vector<float>> values = values_of(must(import_gltf(path, {})));
     ++files;
     std::string twin = path.substr(0, path.size() - 4) + "-decoded.glb";
     const std::string stem = entry.path().parent_path().filename().string();
@@ -173,8 +163,7 @@ TEST_CASE("real files of both extensions and versions have the values of their d
       twin = (entry.path().parent_path() / twin).string();
     }
     INFO(twin);
-    const auto plain = must(import_gltf(twin, {}));
-    CHECK((all_values(plain) == values));
+    CHECK((values_of(must(import_gltf(twin, {}))) == values));
   }
   CHECK(files >= 25);
 }

@@ -7,11 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tools/common/text_table.h"
@@ -254,10 +251,7 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
     REQUIRE(tests::pack(small_model().string(), path, options));
     const AlignedBytes copy(tests::read_whole(path));
     const std::span<std::byte> bytes = copy.bytes();
-    {
-      const auto whole = must(format::Container::open(bytes));
-      REQUIRE(inspect::verify(whole, bytes, 1).failure_count == 0);
-    }
+    REQUIRE(inspect::verify(must(format::Container::open(bytes)), bytes, 1).failure_count == 0);
     std::vector<size_t> missed;
     for (size_t i = 0; i < bytes.size(); ++i) {
       const std::byte bit{static_cast<uint8_t>(1u << (i * 5 % 8))};
@@ -315,13 +309,12 @@ TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect]
     const uint32_t material =
         maker.textured("bark", format::ImageCodec::kJpeg,
                        tests::make_jpeg({.width = 300, .height = 150, .factors = {{2, 2}, {1, 1}, {1, 1}}}));
-    maker.node("a", maker.mesh("a", {maker.grid({.uv = true}, material)}));
+    maker.draw("a", {maker.grid({.uv = true}, material)});
   });
   const auto packed = must(tests::pack(folder.file("a.glb"), folder.file("a.scree")));
   const format::Container& file = packed.file;
   REQUIRE(file.mip_levels().size() == 2);
-  const uint32_t base = file.images()[0].page;
-  const uint32_t levels = file.mip_levels()[0].page;
+  const uint32_t base = file.images()[0].page, levels = file.mip_levels()[0].page;
   const std::string path = folder.file("b.scree");
   rewrite(file, path, [](auto&, auto&) {});
   CHECK(failures_of(path).empty());
@@ -351,8 +344,7 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
   const tests::TempFolder folder;
   const std::string path = folder.file("a.scree");
   REQUIRE(tests::pack(small_model().string(), path));
-  const auto packed = must(tests::open_packed(path));
-  const uint64_t offset = packed.file.pages()[0].offset;
+  const uint64_t offset = must(tests::open_packed(path)).file.pages()[0].offset;
   const std::string bad = folder.write("bad.scree", tests::read_whole(path));
   tests::damage(bad, offset + 5);
 
@@ -387,8 +379,7 @@ TEST_CASE("inspect: names cannot damage the JSON or the terminal", "[inspect]") 
   });
   const auto [text, result] = inspect_text(path, {true, false, true, 10, 1, false});
   CHECK(result);
-  const json report = json::parse(text);
-  CHECK(report.at("meshes").at("top").at(0).at("name") == name);
+  CHECK(json::parse(text).at("meshes").at("top").at(0).at("name") == name);
   const auto [plain, plain_result] = inspect_text(path, {});
   CHECK(plain_result);
   CHECK(plain.find('\x1b') == std::string::npos);

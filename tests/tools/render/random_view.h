@@ -12,8 +12,7 @@
 namespace scree::tests {
 
 struct ImageSize {
-  uint32_t width;
-  uint32_t height;
+  uint32_t width, height;
 };
 
 /// Camera `number`, from somewhere between a scene's first and last view, looking to a point near their targets. Every

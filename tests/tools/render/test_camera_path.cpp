@@ -2,7 +2,6 @@
 
 #include <string>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/render/path_frames.h"
 

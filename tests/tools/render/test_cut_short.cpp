@@ -3,11 +3,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <csignal>
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <numeric>
@@ -21,9 +19,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/chunk_source.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
-#include "tests/results.h"
 #include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -59,9 +55,7 @@ void write_noise(const std::string& path) {
       const uint32_t at = y * (kSide + 1) + x, below = at + kSide + 1;
       corners.insert(corners.end(), {at, below, at + 1, at + 1, below, below + 1});
     }
-  ModelMaker maker(path);
-  maker.node("noise", maker.mesh("noise", {maker.primitive(points, corners)}));
-  maker.finish();
+  make_model(path, points, corners);
 }
 
 /// Cuts the last byte, which belongs to the table of contents. An open file does not need it any more, so no read
@@ -106,16 +100,14 @@ class CutFile {
   /// in addition to the file and its picture.
   void cut_while_drawn(const std::vector<std::string>& words) const {
     const auto command = [&](const char* frames, const std::string& picture) {
-      std::vector<std::string> all{"render",  path(),   "-o",      picture,    "--force",
-                                   "--quiet", "--size", "160x120", "--frames", frames};
+      std::vector<std::string> all = words_of("render --force --quiet --size 160x120 --frames " + std::string(frames));
+      all.insert(all.end(), {path(), "-o", picture});
       all.insert(all.end(), words.begin(), words.end());
       return all;
     };
     // The time before the second frame is shorter than a complete run with one frame.
     const std::string once = folder_.file("once.png");
-    const ProgramRun one = run_program(command("1", once), folder_.file("log"));
-    INFO(one.output);
-    REQUIRE(one.exit_code == 0);
+    const ProgramRun one = must_run(command("1", once), folder_.file("log"));
     std::filesystem::remove(once);
     const std::string whole = read_whole(path());
     for (const uint64_t bytes : {uint64_t{0}, whole.size() / 2}) {
@@ -266,8 +258,7 @@ TEST_CASE("a file that is cut behind the parts that frames read ends in the same
   ProgramRun all;
   do {
     frames *= 2;
-    all = run_program(command(frames), file.folder().file("log"));
-    REQUIRE(all.exit_code == 0);
+    all = must_run(command(frames), file.folder().file("log"));
   } while (all.seconds < 1);
   file.folder().write("out.png", "earlier");
   file.cut_halfway(command(frames), all.seconds,
@@ -281,9 +272,7 @@ TEST_CASE("a file cut within its last page while it is compared ends in the same
   const std::vector<std::string> command{
       "compare", file.path(), file.folder().file("in.glb"), "-o", file.folder().file("out.png"), "--force",
       "--size",  "160x120"};
-  const ProgramRun all = run_program(command, file.folder().file("log"));
-  INFO(all.output);
-  REQUIRE(all.exit_code == 0);
+  const ProgramRun all = must_run(command, file.folder().file("log"));
   file.folder().write("out.png", "earlier");
   file.cut_halfway(command, all.seconds, file.bytes_but_the_last());
 }

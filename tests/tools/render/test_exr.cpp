@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/full_disk.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"

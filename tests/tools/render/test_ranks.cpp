@@ -10,7 +10,6 @@
 #include <fstream>
 #include <sstream>
 #include <string>
-#include <thread>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -19,15 +18,11 @@
 
 #include "runtime/draw/nccl_group.h"
 #include "runtime/scene/scene.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/paths.h"
-#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 namespace fs = std::filesystem;
@@ -192,8 +187,7 @@ TEST_CASE("a rank that is killed ends all ranks", "[render][path][ranks]") {
     const std::vector<pid_t> ranks = launch.ranks();
     REQUIRE(ranks.size() == 3);
     ::kill(ranks[victim], SIGKILL);
-    const int code = launch.wait(10);
-    CHECK(code > 0);
+    CHECK(launch.wait(10) > 0);
     for (const pid_t rank : ranks) CHECK(wait_until([&] { return !runs(rank); }, std::chrono::seconds(10)));
     // A file with its final name is complete, so the film can be resumed.
     CHECK(fs::file_size(folder.file("f_5.png")) > 45);
@@ -206,14 +200,12 @@ namespace {
 void make_large_scene(const TempFolder& folder, bool blends = false) {
   namespace format = scree::format;
   scree::tests::ModelMaker maker(folder.file("grids.gltf"));
-  const std::string png = scree::tests::read_whole(scree::tests::data_path("checker.png").string());
-  const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-  scree::tools::GltfMaterial glass;
-  glass.alpha = scree::tools::GltfAlpha::kBlend;
+  const uint32_t checker = maker.checker("png");
+  scree::tools::GltfMaterial glass{.alpha = scree::tools::GltfAlpha::kBlend};
   glass.base_color[3] = 0.5;
   const uint32_t clear = maker.writer().add_material(glass);
-  glass.texture =
-      maker.writer().add_texture(maker.texture("film", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
+  glass.texture = maker.writer().add_texture(maker.texture(
+      "film", format::ImageCodec::kPng, scree::tests::read_bytes(scree::tests::data_path("checker.png"))));
   const uint32_t film = maker.writer().add_material(glass);
   scree::tests::GridSpec grid{.uv = true, .color = true};
   for (int i = 0; i < 6; ++i) {
@@ -223,7 +215,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
     const std::string name = "grid " + std::to_string(i);
     const uint32_t opaque = i % 2 == 0 ? checker : format::kNone;
     const uint32_t material = !blends || i < 2 ? opaque : i % 2 == 0 ? film : clear;
-    maker.node(name, maker.mesh(name, {maker.grid(grid, material)}), {0.2 * i, 0.1 * i, 0});
+    maker.draw(name, {maker.grid(grid, material)}, {0.2 * i, 0.1 * i, 0});
   }
   maker.finish();
   nlohmann::json model = nlohmann::json::parse(scree::tests::read_whole(folder.file("grids.gltf")));
@@ -237,8 +229,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   options.input = folder.file("grids.gltf");
   options.output = folder.file("quad.scree");
   options.float32 = true;  // larger, so that there are several pages to share
-  const auto report = must(scree::convert::convert(options));
-  CHECK(report.geometry_bytes > 5 << 20);
+  CHECK(must(scree::convert::convert(options)).geometry_bytes > 5 << 20);
 }
 
 /// Offsets of the pages of geometry, which go to the ranks in this order.
@@ -474,8 +465,7 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
 #if defined(SCREE_HAS_EXR)
   succeed(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder, 120);  // colours that are not rounded to 8 bits
   succeed(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder, 240);
-  const std::string one = scree::tests::read_whole(folder.file("one.exr"));
-  CHECK((scree::tests::read_whole(folder.file("two.exr")) == one));
+  CHECK((scree::tests::read_whole(folder.file("two.exr")) == scree::tests::read_whole(folder.file("one.exr"))));
 #endif
 }
 

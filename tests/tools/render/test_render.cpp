@@ -5,13 +5,12 @@
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
-#include "tools/common/command.h"
+#include "tests/tools/render/run_render.h"
 
 using scree::ErrorCode;
 using scree::Result;
+using scree::tests::run_render;
 using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
 using namespace scree::tools;
@@ -30,16 +29,6 @@ RenderWords words_with(std::string RenderWords::*member, const char* text) {
   words.file = "a.scree";
   words.*member = text;
   return words;
-}
-
-Result<void> run_render(std::vector<std::string> arguments) {
-  CLI::App app("test", "scree");
-  const Command command = add_render(app);
-  arguments.insert(arguments.begin(), {"scree", "render"});
-  std::vector<const char*> words;
-  for (const std::string& argument : arguments) words.push_back(argument.c_str());
-  app.parse(static_cast<int>(words.size()), words.data());
-  return command.run();
 }
 
 }  // namespace
@@ -131,8 +120,7 @@ TEST_CASE("colours are parsed in CSS syntax", "[render]") {
 
 TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
   const ScratchPath file("tool.scree");
-  const ScratchPath picture("tool.png");
-  const ScratchPath depth("tool.pfm");
+  const ScratchPath picture("tool.png"), depth("tool.pfm");
   const ScratchPath visibility("tool.bin");
   SmallScene{}.write(file.string());
   // Vectors may begin with a minus sign, and must not be taken for options.

@@ -4,17 +4,13 @@
 #include <string>
 #include <vector>
 
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/runtime/small_scene.h"
-#include "tests/tools/temp_folder.h"
-#include "tools/common/command.h"
+#include "tests/tools/render/run_render.h"
 
+using namespace scree::tests;
 using scree::ErrorCode;
 using scree::Result;
-using scree::tests::read_bytes;
-using scree::tests::SmallScene;
-using scree::tests::TempFolder;
 namespace fs = std::filesystem;
 
 namespace {
@@ -33,34 +29,28 @@ class PathRun {
                       R"(], "target": [0, 0, 0]}, {"t": 1, "eye": [2, 1, 3], "target": [0.2, 0, 0], "fov": 60}]})");
   }
 
-  static Result<void> run(std::vector<std::string> arguments) {
-    CLI::App app("test", "scree");
-    const scree::tools::Command command = scree::tools::add_render(app);
-    arguments.insert(arguments.begin(), {"scree", "render"});
-    std::vector<const char*> words;
-    for (const std::string& argument : arguments) words.push_back(argument.c_str());
-    app.parse(static_cast<int>(words.size()), words.data());
-    return command.run();
-  }
-
   Result<void> draw(const std::vector<std::string>& more, const std::string& pattern = "f_%02d",
                     const std::string& size = "40x30", const std::string& backend = "cpu") const {
-    std::vector<std::string> all{name("quad.scree"),
-                                 "--path",
-                                 name("path.json"),
-                                 "--size",
-                                 size,
-                                 "-q",
-                                 "--backend",
-                                 backend,
-                                 "-o",
-                                 name(pattern + ".png"),
-                                 "--depth",
-                                 name(pattern + ".pfm"),
-                                 "--visbuffer",
-                                 name(pattern + ".bin")};
+    std::vector<std::string> all{"--path", name("path.json"), "--size", size, "--backend", backend};
     all.insert(all.end(), more.begin(), more.end());
-    return run(all);
+    return run(pattern, all);
+  }
+
+  /// Draws the scene to the files `pattern` of all outputs.
+  Result<void> run(const std::string& pattern, const std::vector<std::string>& more) const {
+    std::vector<std::string> all{
+        name("quad.scree"),    "-q", "-o", name(pattern + ".png"), "--depth", name(pattern + ".pfm"), "--visbuffer",
+        name(pattern + ".bin")};
+    all.insert(all.end(), more.begin(), more.end());
+    return run_render(all);
+  }
+
+  /// Whether the outputs of two frames are the same bytes.
+  void compare(const std::string& a, const std::string& b) const {
+    for (const std::string extension : {".png", ".pfm", ".bin"}) {
+      INFO(a << extension);
+      CHECK(read_bytes(name(a + extension)) == read_bytes(name(b + extension)));
+    }
   }
 
   size_t files() const { return folder_.names().size(); }
@@ -69,10 +59,8 @@ class PathRun {
   TempFolder folder_;
 };
 
-std::string message(const Result<void>& done, ErrorCode code) {
-  REQUIRE_FALSE(done);
-  CHECK(done.error().code == code);
-  return done.error().message;
+void check_usage(const Result<void>& done, const char* words) {
+  check_refusal(done, ErrorCode::kUsage, words);
 }
 
 }  // namespace
@@ -84,30 +72,12 @@ TEST_CASE("each frame of a path equals a picture by the same camera", "[render][
     const std::vector<std::vector<std::string>> cameras{{"--eye", "0,0,3", "--target", "0,0,0"},
                                                         {"--eye", "2,1,3", "--target", "0.2,0,0", "--fov", "60"}};
     for (size_t i = 0; i < 2; ++i) {
-      std::vector<std::string> words{path.name("quad.scree"),
-                                     "--size",
-                                     "40x30",
-                                     "-q",
-                                     "-f",
-                                     "--backend",
-                                     "cpu",
-                                     "--samples",
-                                     samples,
-                                     "--background",
-                                     samples == "1" ? "black" : "transparent",
-                                     "-o",
-                                     path.name("one.png"),
-                                     "--depth",
-                                     path.name("one.pfm"),
-                                     "--visbuffer",
-                                     path.name("one.bin")};
+      std::vector<std::string> words{"--size",    "40x30",        "-f",
+                                     "--backend", "cpu",          "--samples",
+                                     samples,     "--background", samples == "1" ? "black" : "transparent"};
       words.insert(words.end(), cameras[i].begin(), cameras[i].end());
-      REQUIRE(PathRun::run(words));
-      const std::string frame = i == 0 ? "f_00" : "f_04";
-      for (const std::string extension : {".png", ".pfm", ".bin"}) {
-        INFO(extension << " of frame " << frame);
-        CHECK(read_bytes(path.name(frame + extension)) == read_bytes(path.name("one" + extension)));
-      }
+      REQUIRE(path.run("one", words));
+      path.compare(i == 0 ? "f_00" : "f_04", "one");
     }
   }
 }
@@ -117,10 +87,7 @@ TEST_CASE("shares of a path draw the same frames as one run", "[render][path]") 
   REQUIRE(path.draw({}));
   for (const char* share : {"1/3", "2/3", "3/3"}) REQUIRE(path.draw({"--frames", std::string("0:5,") + share}, "g_%d"));
   CHECK(path.files() == 2 + 2 * 15);
-  for (int frame = 0; frame < 5; ++frame)
-    for (const std::string extension : {".png", ".pfm", ".bin"})
-      CHECK(read_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
-            read_bytes(path.name("g_" + std::to_string(frame) + extension)));
+  for (int frame = 0; frame < 5; ++frame) path.compare("f_0" + std::to_string(frame), "g_" + std::to_string(frame));
   REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share without frames
   CHECK(path.files() == 2 + 2 * 15);
 }
@@ -144,9 +111,7 @@ TEST_CASE("GPUs draw the frames of a path that the CPU draws", "[cuda][gpus][ren
       way.insert(way.end(), drawing.begin(), drawing.end());
       REQUIRE(path.draw(way, "g_%02d", "40x30", "cuda"));
       for (int frame = 0; frame < 5; ++frame)
-        for (const std::string extension : {".png", ".pfm", ".bin"})
-          CHECK(read_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
-                read_bytes(path.name("g_0" + std::to_string(frame) + extension)));
+        path.compare("f_0" + std::to_string(frame), "g_0" + std::to_string(frame));
     }
   }
 }
@@ -155,8 +120,7 @@ TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]"
   const PathRun path;
   REQUIRE(path.draw({}));
   const auto before = read_bytes(path.name("f_03.png"));
-  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it; --resume") !=
-        std::string::npos);
+  check_refusal(path.draw({}), ErrorCode::kFile, "f_00.png: exists already; --force replaces it; --resume");
   fs::remove(path.name("f_01.bin"));
   fs::resize_file(path.name("f_02.pfm"), 100);
   fs::resize_file(path.name("f_03.png"), fs::file_size(path.name("f_03.png")) - 1);
@@ -176,31 +140,27 @@ TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]"
 
 TEST_CASE("errors of a path are reported before anything is drawn", "[render][path]") {
   const PathRun path;
-  CHECK(
-      message(path.draw({"--frames", "0:6"}), ErrorCode::kUsage).find("path.json has 5 frames, from 0 on, at 4 per") !=
-      std::string::npos);
-  CHECK(message(path.draw({"--frames", "5/5", "--fps", "0.5", "--fov", "5"}), ErrorCode::kUsage) ==
+  check_usage(path.draw({"--frames", "0:6"}), "path.json has 5 frames, from 0 on, at 4 per");
+  CHECK(refusal(path.draw({"--frames", "5/5", "--fps", "0.5", "--fov", "5"})).message ==
         "--path and --fov exclude each other");
-  CHECK(message(path.draw({"--resume", "--force"}), ErrorCode::kUsage).find("exclude each other") != std::string::npos);
-  CHECK(message(PathRun::run({path.name("quad.scree"), "--resume"}), ErrorCode::kUsage) == "--resume needs --path");
-  CHECK(message(PathRun::run({path.name("quad.scree"), "--frames", "0:5"}), ErrorCode::kUsage).find("--path") !=
-        std::string::npos);
-  CHECK(message(PathRun::run({path.name("quad.scree"), "--path", path.name("path.json")}), ErrorCode::kUsage) ==
+  check_usage(path.draw({"--resume", "--force"}), "exclude each other");
+  const std::string scene = path.name("quad.scree"), keys = path.name("path.json");
+  CHECK(refusal(run_render({scene, "--resume"})).message == "--resume needs --path");
+  check_usage(run_render({scene, "--frames", "0:5"}), "--path");
+  CHECK(refusal(run_render({scene, "--path", keys})).message ==
         "--path needs file names for the frames, such as -o frame_%05d.png");
   // Frame 0 has its target at the eye.
   path.write_path("0, 0, 0");
-  CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=
-        std::string::npos);
+  check_usage(path.draw({}), "path.json: frame 0, at 0 s: the eye and the target are the");
   path.write_path("0, 3, 0");  // the view direction is parallel to up
-  CHECK(message(path.draw({}), ErrorCode::kUsage).find("frame 0, at 0 s: up lies along") != std::string::npos);
-  fs::remove(path.name("path.json"));
-  CHECK(message(path.draw({}), ErrorCode::kFile).find("path.json: cannot be opened") != std::string::npos);
+  check_usage(path.draw({}), "frame 0, at 0 s: up lies along");
+  fs::remove(keys);
+  check_refusal(path.draw({}), ErrorCode::kFile, "path.json: cannot be opened");
   CHECK(path.files() == 1);
   // A pattern that gives the scene's own name.
   fs::rename(path.name("quad.scree"), path.name("f_02.scree"));
   path.write_path("0, 0, 3");
-  CHECK(message(PathRun::run({path.name("f_02.scree"), "--path", path.name("path.json"), "--visbuffer",
-                              path.name("f_%02d.scree"), "-q", "--force"}),
-                ErrorCode::kUsage)
-            .find("frame 2 would replace") != std::string::npos);
+  check_usage(
+      run_render({path.name("f_02.scree"), "--path", keys, "--visbuffer", path.name("f_%02d.scree"), "-q", "--force"}),
+      "frame 2 would replace");
 }

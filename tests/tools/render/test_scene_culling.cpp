@@ -1,9 +1,7 @@
 // Culling on the CPU never removes visible parts of the measured scenes: A to D as packed by convert, with a share of
 // their triangles.
-#include <cstdint>
 #include <random>
 
-#include "tests/catch.h"
 #include "tests/kernels/draw_counted.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/sanitized.h"

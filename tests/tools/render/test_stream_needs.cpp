@@ -1,13 +1,10 @@
 // The bytes that a streamed frame loads, compared with the bytes that its picture needs. The scene is mostly hidden: C
 // as packed by convert, with a share of its triangles but as many chunks as the whole scene.
-#include <cstdint>
 
 #include "format/bytes.h"
 #include "lab/setup/views.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/residency.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"

@@ -10,10 +10,8 @@
 #include "runtime/draw/device_scene.h"
 #include "runtime/scene/camera.h"
 #include "runtime/threads/parallel.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -24,9 +22,7 @@
 #endif
 
 using namespace scree;
-using kernels::JpegLevel;
-using kernels::RoundCounters;
-using kernels::TextureCache;
+using namespace kernels;
 using tests::load_cached;
 using tests::TempFolder;
 
@@ -143,8 +139,7 @@ class HostCache {
   std::vector<JpegLevel> levels_;
   std::vector<uint8_t> places_;
   std::vector<uint64_t> keys_;
-  std::vector<uint32_t> stamps_;
-  std::vector<uint32_t> colours_;
+  std::vector<uint32_t> stamps_, colours_;
   std::vector<kernels::GroupRequest> requests_;
   std::array<RoundCounters, kernels::kDecodeRounds + 1> counters_{};
   TextureCache cache_{};
@@ -159,8 +154,7 @@ runtime::CameraOptions camera_of(uint32_t width) {
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
-    const auto view = must(runtime::make_view(scene, camera));
-    views.push_back(view);
+    views.push_back(must(runtime::make_view(scene, camera)));
   };
   add(camera_of(60));
   add(camera_of(240));
@@ -278,8 +272,7 @@ TEST_CASE("a texture cache keeps recent groups, and evicts the least recent one"
   constexpr uint32_t kSlots = 64;
   std::vector<uint8_t> places(10000, TextureCache::kAbsent);
   std::vector<uint64_t> keys(kSlots, TextureCache::kNoKey);
-  std::vector<uint32_t> stamps(kSlots, 0);
-  std::vector<uint32_t> colours(kSlots * 64);
+  std::vector<uint32_t> stamps(kSlots, 0), colours(kSlots * 64);
   std::vector<kernels::GroupRequest> requests(kSlots);
   const TextureCache cache{places.data(), keys.data(), stamps.data(), colours.data(), requests.data(), nullptr, 8,
                            kSlots,        64};
@@ -326,9 +319,9 @@ TEST_CASE("a group is requested once, and requests beyond the limit are dropped"
       for (uint32_t i = 0; i < 20000; ++i) cache.request_group({(i * 7 + thread) % (slots / 2 + 1), 3, i}, &counters);
     });
     CHECK(counters.requests == slots / 2 + 1);
-    std::set<uint64_t> asked;
-    for (uint32_t i = 0; i < counters.requests; ++i) asked.insert(requests[i].key);
-    CHECK(asked.size() == counters.requests);
+    std::set<uint64_t> requested;
+    for (uint32_t i = 0; i < counters.requests; ++i) requested.insert(requests[i].key);
+    CHECK(requested.size() == counters.requests);
     for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.request_group({key, 3, 0}, &counters);
     CHECK(counters.requests > slots);
     CHECK(static_cast<uint32_t>(std::count(places.begin(), places.end(), TextureCache::kRequested)) == slots);
@@ -356,8 +349,7 @@ TEST_CASE("on the GPU, JPEG textures equal completely decoded ones, with caches 
     options.encoding = encoding;
     options.input = input;
     tests::must_convert(options);
-    const runtime::Scene whole = load_cached(options.output, 0);
-    const runtime::Scene scene = load_cached(options.output, 1);
+    const runtime::Scene whole = load_cached(options.output, 0), scene = load_cached(options.output, 1);
     const uint64_t slot_bytes = 4 * scene.jpeg_groups().pixels;
     REQUIRE(slot_bytes > 0);
     auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));
@@ -373,12 +365,10 @@ TEST_CASE("on the GPU, JPEG textures equal completely decoded ones, with caches 
         const kernels::View& view = views[frame % views.size()];
         for (const uint32_t side : {1u, 2u}) {
           const auto draw_on = [&](runtime::DeviceScene& on, const runtime::Scene& from) {
-            const auto drawn = must(tests::Frame::draw(from, view, side, 2, &on));
-            return must(drawn.shade({}, 2));
+            return tests::must_picture(from, view, side, &on);
           };
           const std::vector<uint8_t> expected = draw_on(of_whole, whole);
-          const std::vector<uint8_t> found = draw_on(device, scene);
-          CHECK(found == expected);
+          CHECK(draw_on(device, scene) == expected);
           const auto counts = must(device.texture_counts());
           REQUIRE(counts.has_value());
           most_left = std::max<uint64_t>(most_left, counts->tiles);
@@ -386,16 +376,12 @@ TEST_CASE("on the GPU, JPEG textures equal completely decoded ones, with caches 
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
         // Blocks that are used again are cached, so nothing is decoded.
-        const auto again = must(tests::Frame::draw(scene, view, 1, 2, &device));
+        const auto again = tests::must_draw(scene, view, 1, &device);
         REQUIRE(again.shade({}, 2));
         CHECK((*device.texture_counts())->asked == 0);
         // The picture equals the CPU's to one level.
-        const auto on_cpu = must(tests::Frame::draw(scene, view, 1, 2));
-        const auto cpu_pixels = on_cpu.shade({}, 2).value();
-        const auto gpu_pixels = again.shade({}, 2).value();
-        uint64_t off = 0;
-        for (size_t i = 0; i < cpu_pixels.size(); ++i) off += std::abs(int{cpu_pixels[i]} - int{gpu_pixels[i]}) > 1;
-        CHECK(off <= cpu_pixels.size() / 10000);
+        const auto on_cpu = tests::must_picture(scene, view);
+        CHECK(tests::differing(on_cpu, must(again.shade({}, 2))) <= on_cpu.size() / 10000);
       }
       if (bytes == 1) CHECK(most_left > 0);
     }
@@ -409,8 +395,7 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const auto draw_on = [](runtime::DeviceScene* on, const runtime::Scene& from, const kernels::View& view) {
-    const auto drawn = must(tests::Frame::draw(from, view, 1, 2, on));
-    return must(drawn.shade({}, 2));
+    return tests::must_picture(from, view, 1, on);
   };
   const runtime::Scene whole = load_cached(options.output, 1);
   auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));

@@ -8,7 +8,6 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "tests/catch.h"
 #include "tests/full_disk.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
@@ -32,8 +31,7 @@ SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow)
 struct Expected {
   const char* scene;
   MeshOrder order;
-  uint64_t positions;
-  uint64_t indices;
+  uint64_t positions, indices;
 };
 
 void check_sums(const Expected& expected) {
@@ -357,8 +355,7 @@ TEST_CASE("the slope has valid images, indices and rocks, and depends on its see
   const Document document(options.output);
   CHECK(document.root["images"].size() == 4);
   for (const json& image : document.root["images"]) {
-    const std::string uri = image["uri"];
-    const std::string bytes = read_whole(folder.file(uri));
+    const std::string bytes = read_whole(folder.file(image["uri"]));
     CHECK(bytes.substr(0, 2) == (image["mimeType"] == "image/png" ? "\x89P" : "\xff\xd8"));
   }
   CHECK(document.root["cameras"][0]["name"] == "view");
@@ -400,8 +397,7 @@ TEST_CASE("the forest has masked trees and upright cameras, and depends on its s
   options.scale = 0.002;
   options.texture_size = 128;
   options.output = folder.file("forest.gltf");
-  const SynthReport report = must(synthesize(options));
-  CHECK(report.instances == 101);
+  CHECK(must(synthesize(options)).instances == 101);
   const Document document(options.output);
   REQUIRE(document.root["meshes"].size() == 21);
   uint64_t masked = 0;
@@ -471,11 +467,7 @@ TEST_CASE("textures are seamless", "[synth]") {
 
 TEST_CASE("synth refuses invalid options", "[synth]") {
   const TempFolder folder;
-  const auto code = [](const SynthOptions& options) {
-    const Result<SynthReport> report = synthesize(options);
-    REQUIRE(!report);
-    return report.error().code;
-  };
+  const auto code = [](const SynthOptions& options) { return refusal(synthesize(options)).code; };
   SynthOptions options = scene_options("E");
   options.output = folder.file("x.gltf");
   CHECK(code(options) == ErrorCode::kUsage);

@@ -15,13 +15,9 @@
 #include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/camera.h"
-#include "tests/catch.h"
-#include "tests/results.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tests/tools/packed_file.h"
-#include "tests/tools/temp_folder.h"
 #include "tools/gltf/document.h"
 #include "tools/inspect/verify.h"
 #include "tools/synth/block_encoder.h"
@@ -114,8 +110,7 @@ void check_packed(const TempFolder& folder, const std::string& scene, const json
 
   const runtime::Scene loaded = tests::must_load(options.output);
   const auto view = must(runtime::make_view(loaded, {.camera = "view", .width = 160, .height = 90}));
-  const auto frame = must(tests::Frame::draw(loaded, view, 1, 2, nullptr));
-  const auto picture = must(frame.shade({}, 2));
+  const auto picture = tests::must_picture(loaded, view);
   std::set<std::array<uint8_t, 3>> colors;
   for (size_t i = 0; i + 3 < picture.size(); i += 4) colors.insert({picture[i], picture[i + 1], picture[i + 2]});
   CHECK(colors.size() > 100);
@@ -283,8 +278,7 @@ TEST_CASE("a sheet is a closed surface with matching normals and tangents", "[sy
   const std::vector<float> points = make_stream(grid, shape, SheetStream::kPositions);
   const std::vector<float> normals = make_stream(grid, shape, SheetStream::kNormals);
   const std::vector<float> tangents = make_stream(grid, shape, SheetStream::kTangents);
-  const std::vector<float> uvs = make_stream(grid, shape, SheetStream::kUvs);
-  REQUIRE(uvs.size() == 2 * grid.vertices());
+  REQUIRE(make_stream(grid, shape, SheetStream::kUvs).size() == 2 * grid.vertices());
   const std::vector<uint32_t> indices = make_indices(grid);
   const auto vector_at = [](const std::vector<float>& values, size_t at) {
     return Vec3{values[at], values[at + 1], values[at + 2]};
@@ -485,8 +479,7 @@ TEST_CASE("zorah-textured has as many files as NVIDIA's", "[zorah][.slow]") {
 TEST_CASE("zorah refuses options of other scenes", "[synth][zorah]") {
   const TempFolder folder;
   const auto refused = [&](const SynthOptions& options) {
-    const auto report = refusal(synthesize(options));
-    return report.code == ErrorCode::kUsage;
+    return refusal(synthesize(options)).code == ErrorCode::kUsage;
   };
   SynthOptions options{.scene = "zorah", .output = folder.file("z.glb")};
   CHECK(refused(options));

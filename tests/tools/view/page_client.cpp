@@ -8,14 +8,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <thread>
 
-#include "tests/catch.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/run_program.h"
 

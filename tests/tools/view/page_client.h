@@ -42,8 +42,7 @@ class ViewProcess {
 
  private:
   TempFolder folder_;
-  std::string scene_;
-  std::string token_;
+  std::string scene_, token_;
   pid_t child_ = -1;
   uint16_t port_ = 0;
 };
@@ -82,8 +81,7 @@ class PageClient {
   std::string receive_text(std::string_view type);
   /// The next picture: its JSON header and its file.
   struct Picture {
-    std::string head;
-    std::string file;
+    std::string head, file;
     bool is_exact() const { return head.find("\"exact\":true") != std::string::npos; }
     uint64_t number(std::string_view name) const;
   };

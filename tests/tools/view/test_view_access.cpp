@@ -3,7 +3,6 @@
 #include <set>
 #include <string>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 
 using namespace scree::tools::view;

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/view/adaptation.h"
 

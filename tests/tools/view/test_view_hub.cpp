@@ -9,9 +9,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
-#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 using namespace scree::tools::view;
@@ -54,8 +52,7 @@ class Page : public ViewerLink {
  private:
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<std::string> texts_;
-  std::vector<std::string> pictures_;
+  std::vector<std::string> texts_, pictures_;
 };
 
 uint64_t frame_of(const std::string& head) {
@@ -63,8 +60,7 @@ uint64_t frame_of(const std::string& head) {
 }
 
 PictureRequest request(uint64_t sequence, double x) {
-  PictureRequest out;
-  out.sequence = sequence;
+  PictureRequest out{.sequence = sequence};
   out.camera.eye = {x, 0, 2.5};
   out.width = 96;
   out.height = 54;

@@ -2,7 +2,6 @@
 
 #include <string>
 
-#include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/tools/view/page_client.h"
 
@@ -37,12 +36,11 @@ TEST_CASE("all members of a view message are read", "[view][view-message]") {
   CHECK_FALSE(view.cursor);
   CHECK(view.shade.light);
   CHECK(view.shade.background[3] == 1.0f);
-  const PictureRequest with_cursor = must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":63,\"y\":0,"));
-  CHECK(with_cursor.cursor == Pixel{63, 0});
+  CHECK(must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":63,\"y\":0,")).cursor == Pixel{63, 0});
   CHECK_FALSE(must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":64,\"y\":0,")).cursor);
   CHECK_FALSE(view.clip_box);
-  const PictureRequest cut = must_be_view(replaced(view_text(1, 64, 64), "{", "{\"clip\":[-1,0,0.5,2,0,1e3],"));
-  CHECK(cut.clip_box == scree::runtime::WorldBox{{-1, 0, 0.5}, {2, 0, 1e3}});
+  CHECK(must_be_view(replaced(view_text(1, 64, 64), "{", "{\"clip\":[-1,0,0.5,2,0,1e3],")).clip_box ==
+        scree::runtime::WorldBox{{-1, 0, 0.5}, {2, 0, 1e3}});
 }
 
 TEST_CASE("messages outside their limits are refused with the member's name", "[view][view-message]") {

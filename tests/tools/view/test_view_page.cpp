@@ -5,9 +5,7 @@
 
 #include <sys/wait.h>
 
-#include "tests/catch.h"
 #include "tests/models.h"
-#include "tests/paths.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 
@@ -17,8 +15,7 @@ TEST_CASE("the page of scree view works in a browser", "[view][view-page]") {
   const TempFolder folder;
   const std::string scene = folder.file("a scene's file.scree");
   SmallScene{}.write(scene);
-  scree::convert::ConvertOptions sunny = options_of(folder);
-  sunny.input = data_path("sun.glb").string();
+  scree::convert::ConvertOptions sunny = options_of(folder, data_path("sun.glb"));
   must_convert(sunny);
   const std::string quoted = "'" + replaced(scene, "'", "'\\''") + "'";
   const std::string log = folder.file("log");

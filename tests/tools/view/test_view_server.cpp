@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/sanitized.h"
@@ -133,12 +132,9 @@ TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
     CHECK(picture.is_exact());
     CHECK(picture.number("samples") == samples);
     const std::string file = server.folder().file("render.png");
-    const ProgramRun run = run_program(
-        {"render", server.scene(), "--size", "160x90", "--eye=0.5,0.25,2.5", "--target=0,0,0", "--up=0,1,0", "--fov",
-         "45", "--background", "#20252d", "--samples", std::to_string(samples), "-o", file, "-f", "-q"},
-        server.folder().file("render.log"));
-    INFO(run.output);
-    REQUIRE(run.exit_code == 0);
+    must_run({"render", server.scene(), "--size", "160x90", "--eye=0.5,0.25,2.5", "--target=0,0,0", "--up=0,1,0",
+              "--fov", "45", "--background", "#20252d", "--samples", std::to_string(samples), "-o", file, "-f", "-q"},
+             server.folder().file("render.log"));
     CHECK(rgba_of(picture.file) == rgba_of(read_whole(file)));
   }
 

@@ -4,14 +4,11 @@
 
 #include <cstdlib>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
@@ -46,8 +43,7 @@ Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0
   request.camera.eye = {3.75, 1.25, 9};
   request.camera.target = {3.75, 1.25, 0};
   request.shade.background[3] = 1;
-  const Drawn drawn = must(session.draw(viewer, request, 120, 60, 1, visibility));
-  return rgb(drawn.pixels);
+  return rgb(must(session.draw(viewer, request, 120, 60, 1, visibility)).pixels);
 }
 
 /// The picture of sun.glb from a camera at `x`, at rest or while it moves.
@@ -78,8 +74,7 @@ size_t differing(const Rgb& a, const Rgb& b) {
 
 TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GPU", "[view][cuda][omitted]") {
   const TempFolder folder;
-  convert::ConvertOptions options = tests::options_of(folder);
-  options.input = tests::data_path("materials.gltf").string();
+  convert::ConvertOptions options = tests::options_of(folder, tests::data_path("materials.gltf"));
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   tests::must_convert(options);
   ViewSession cpu = open(options.output, tools::BackendChoice::kCpu);
@@ -100,8 +95,7 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
   for (size_t i = 0; i < all_kinds.size(); ++i) {
     INFO("visibility " << i);
     if (i == 3) {  // from now on the scene is resident
-      const uint64_t left = must(gpu.load_rest({}));
-      CHECK(left == 0);
+      CHECK(must(gpu.load_rest({})) == 0);
     }
     found.push_back(draw(gpu, all_kinds[i]));
     CHECK(differing(found[i], expected[i]) == 0);
@@ -127,8 +121,7 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
 
 TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[view][shadow][cuda]") {
   const TempFolder folder;
-  convert::ConvertOptions options = tests::options_of(folder);
-  options.input = tests::data_path("sun.glb").string();
+  convert::ConvertOptions options = tests::options_of(folder, tests::data_path("sun.glb"));
   options.normals = convert::Normals::kAuto;
   tests::must_convert(options);
   const tools::LightOptions light{.lighting = kernels::Lighting::kScene, .shadow_side = 300};
@@ -138,32 +131,12 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   ViewSession session = open(options.output, on_gpu ? tools::BackendChoice::kCuda : tools::BackendChoice::kCpu, light);
   CHECK(session.can_cast_shadows());
   const std::string png = folder.file("render.png");
-  const auto rendered = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> words{"render",
-                                   options.output,
-                                   "-o",
-                                   png,
-                                   "--size",
-                                   "120x80",
-                                   "--eye=-4,6,9",
-                                   "--fov",
-                                   "14",
-                                   "--target",
-                                   "0,0,0",
-                                   "--light",
-                                   "scene",
-                                   "--background",
-                                   "#000",
-                                   "--backend",
-                                   on_gpu ? "cuda" : "cpu",
-                                   "--threads",
-                                   "2",
-                                   "--force",
-                                   "--quiet"};
-    words.insert(words.end(), more.begin(), more.end());
-    const tests::ProgramRun run = tests::run_program(words, folder.file("log"));
-    INFO(run.output);
-    REQUIRE(run.exit_code == 0);
+  const auto rendered = [&](const std::string& more) {
+    tests::must_run(tests::words_of("render " + options.output + " -o " + png +
+                                    " --size 120x80 --eye=-4,6,9 --fov 14 --target 0,0,0 --light scene" +
+                                    " --background #000 --threads 2 --force --quiet --backend " +
+                                    (on_gpu ? "cuda " : "cpu ") + more),
+                    folder.file("log"));
     const std::string bytes = tests::read_whole(png);
     const auto image = must(runtime::decode_image(std::as_bytes(std::span(bytes))));
     Rgb out;
@@ -171,7 +144,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
       if (i % 4 < 3) out.push_back(image.rgba[i]);
     return out;
   };
-  const Rgb expected = rendered({"--shadows", "--shadow-size", "300"}), plain = rendered({});
+  const Rgb expected = rendered("--shadows --shadow-size 300"), plain = rendered("");
   REQUIRE(differing(expected, plain) > 300);
 
   size_t maps = 0;
@@ -191,8 +164,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   draw_at(-4, true, false, {}, {}, kernels::Show::kDepth);
   CHECK(maps == 1);
   if (on_gpu) {  // from now on the scene is resident
-    const uint64_t left = must(session.load_rest({}));
-    CHECK(left == 0);
+    CHECK(must(session.load_rest({})) == 0);
   }
   CHECK(draw_at(-4, true, false) == expected);
 
@@ -219,15 +191,13 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   CHECK(draw_at(-4, true, false) == expected);
   CHECK(maps == 4);
   const runtime::WorldBox low{{-9, -9, -9}, {9, 0.75, 9}};
-  CHECK(draw_at(-4, true, false, {}, low) ==
-        rendered({"--shadows", "--shadow-size", "300", "--clip-box=-9,-9,-9,9,0.75,9"}));
+  CHECK(draw_at(-4, true, false, {}, low) == rendered("--shadows --shadow-size 300 --clip-box=-9,-9,-9,9,0.75,9"));
   CHECK(maps == 5);
 }
 
 TEST_CASE("a session without a sun gives the reason why it has no shadows", "[view][shadow]") {
   const TempFolder folder;
-  convert::ConvertOptions options = tests::options_of(folder);
-  options.input = tests::data_path(GENERATE("sun.glb", "materials.gltf")).string();
+  convert::ConvertOptions options = tests::options_of(folder, tests::data_path(GENERATE("sun.glb", "materials.gltf")));
   tests::must_convert(options);
   ViewSession session = open(options.output, tools::BackendChoice::kCpu);
   std::string why;
