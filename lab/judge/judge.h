@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "lab/judge/judged_case.h"
+#include "lab/options.h"
 #include "runtime/draw/device_scene.h"
 #include "tools/bench/file_views.h"
 #include "tools/bench/times.h"

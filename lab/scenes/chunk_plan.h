@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "format/hd.h"
+#include "format/layout.h"
 #include "tools/synth/scene_functions.h"
 #include "tools/synth/scenes.h"
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "format/bytes.h"
+#include "format/geometry/chunk_layout.h"
 #include "format/geometry/position_codec.h"
 
 namespace scree::lab {

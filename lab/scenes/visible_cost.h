@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "kernels/cull/cull.h"
 #include "kernels/frame.h"
 #include "lab/scenes/scene_tables.h"
 
