@@ -156,7 +156,7 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
                             {"left", {-90, 0}},
                             {"top", {0, 90}},
                             {"bottom", {0, -90}},
-                            {"iso", {45, 35.26438968475465}}}));  // atan(1 / sqrt(2))
+                            {"iso", {45, 35.26438968275465}}}));  // atan(1 / sqrt(2))
     camera.turn_degrees = direction.turn_degrees;
     camera.rise_degrees = direction.rise_degrees;
   }
