@@ -102,8 +102,7 @@ await check('keys: shading, help, panel, bookmarks', async () => {
   await page.keyboard.press('h');
   await page.waitForTimeout(700);
   await page.keyboard.press(']');
-  await page.waitForTimeout(1000);
-  assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye);
+  await page.waitForFunction((end) => end.every((value, i) => scree.camera.eye[i] === value), eye);
 });
 await check('hidden nodes are not drawn, and all of them can be shown again', async () => {
   await rests(page);
