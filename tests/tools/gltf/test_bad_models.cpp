@@ -181,8 +181,7 @@ TEST_CASE("a document with one error is refused with the place of the error", "[
        kRange, "accessor 0 sparse: index 1 at element 2, expected ascending indices"},
       {"'type':'VEC3'",
        "'sparse':{'count':1,'indices':{'bufferView':1,'componentType':5121,'byteOffset':12},'values':{'bufferView':0}},"
-       "'"
-       "type':'VEC3'",
+       "'type':'VEC3'",
        kRange, "1 indices pass the end"},
       {"'type':'VEC3'",
        "'sparse':{'count':1,'indices':{'bufferView':1,'componentType':5126},'values':{'bufferView':0}},'type':'VEC3'",
