@@ -123,6 +123,15 @@ TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
   double sum = 0;
   for (size_t i = 0; i < before->rgba.size(); ++i) sum += std::abs(int{before->rgba[i]} - int{after->rgba[i]});
   CHECK(sum / static_cast<double>(before->rgba.size()) < 3);
+
+  // A small file that states 16,191 x 16,191 pixels is refused at once.
+  size_t frame = 2;  // SOF0
+  while (file[frame] != std::byte{0xff} || file[frame + 1] != std::byte{0xc0}) ++frame;
+  Bytes huge = file;
+  for (size_t i = 5; i < 9; ++i) huge[frame + i] = std::byte{0x3f};
+  const Error error = refusal(runtime::reencode_jpeg(huge, 95));
+  CHECK(error.code == ErrorCode::kTruncated);
+  CHECK(error.message.find("expected at least one bit per block") != std::string::npos);
 }
 
 TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or refused", "[jpeg_transcode]") {

@@ -87,6 +87,24 @@ class Transcoder {
   unsigned long out_bytes_ = 0;
 };
 
+/// Checks the size in the header before libjpeg allocates memory for it, or spends time on it.
+Result<void> check_pixels(const format::JpegHeader& header, uint64_t bytes) {
+  const uint64_t pixels = uint64_t{header.width} * header.height;
+  if (pixels > kMaxImagePixels) {
+    return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header.width}) + " x " +
+                                        std::to_string(uint32_t{header.height}) + " pixels, expected at most 2^28"};
+  }
+  if (!header.is_arithmetic && pixels / 64 > 8 * (bytes - header.data_offset)) {
+    return Error{ErrorCode::kTruncated,
+                 "JPEG: byte " + std::to_string(bytes) + ": the file ends, expected at least one bit per block"};
+  }
+  if (!may_hold_pixels(pixels, bytes)) {
+    return Error{ErrorCode::kTruncated,
+                 "JPEG: " + std::to_string(pixels) + " pixels in " + std::to_string(bytes) + " bytes"};
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
@@ -94,20 +112,7 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   const format::JpegVerdict verdict = format::judge_jpeg(header);
   if (verdict.treatment == format::JpegTreatment::kRefuse || verdict.treatment == format::JpegTreatment::kReencode)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
-  // Checks the size in the header before libjpeg allocates memory for it.
-  const uint64_t pixels = uint64_t{header.width} * header.height;
-  if (pixels > kMaxImagePixels) {
-    return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header.width}) + " x " +
-                                        std::to_string(uint32_t{header.height}) + " pixels, expected at most 2^28"};
-  }
-  if (!header.is_arithmetic && pixels / 64 > 8 * (file.size() - header.data_offset)) {
-    return Error{ErrorCode::kTruncated,
-                 "JPEG: byte " + std::to_string(file.size()) + ": the file ends, expected at least one bit per block"};
-  }
-  if (!may_hold_pixels(pixels, file.size())) {
-    return Error{ErrorCode::kTruncated,
-                 "JPEG: " + std::to_string(pixels) + " pixels in " + std::to_string(file.size()) + " bytes"};
-  }
+  SCREE_TRY(check_pixels(header, file.size()));
   Transcoder transcoder;
   if (!transcoder.transcode(file)) return transcoder.failure();
   TranscodedJpeg result{transcoder.file(), (verdict.reason.empty() ? "sequential" : verdict.reason) +
@@ -139,6 +144,7 @@ Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int qualit
   const format::JpegVerdict verdict = format::judge_jpeg(header);
   if (verdict.treatment == format::JpegTreatment::kRefuse)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
+  SCREE_TRY(check_pixels(header, file.size()));
   const auto image = SCREE_TRY(decode_image(file));
   auto coded = SCREE_TRY(encode_jpeg(image, quality));
   TranscodedJpeg result{std::move(coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
