@@ -1,4 +1,4 @@
-// The work of joining split pages on a GPU (kernels/cuda/join.h): which clusters and bytes go where.
+// The work of joining split pages on a GPU (kernels/cuda/join/join.h): which clusters and bytes go where.
 #pragma once
 
 #include <cstdint>

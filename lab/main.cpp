@@ -8,10 +8,10 @@
 #include "lab/judge/judge_run.h"
 #include "lab/options.h"
 #include "lab/sizes.h"
-#include "tools/common/command.h"
-#include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
-#include "tools/common/suggest.h"
+#include "tools/common/options/command.h"
+#include "tools/common/options/suggest.h"
+#include "tools/common/output/standard_output.h"
+#include "tools/common/process/stop_signal.h"
 
 namespace scree::lab {
 namespace {

@@ -9,8 +9,8 @@
 #include "format/result.h"
 #include "lab/scenes/scene_tables.h"
 #include "runtime/scene/scene.h"
-#include "tools/common/backend.h"
-#include "tools/common/options.h"
+#include "tools/common/options/backend.h"
+#include "tools/common/options/options.h"
 #include "tools/synth/scenes.h"
 
 namespace scree::lab {

@@ -15,8 +15,8 @@
 #include "runtime/threads/stopwatch.h"
 #include "tools/bench/csv.h"
 #include "tools/common/chunk_decode.h"
-#include "tools/common/human.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/text_table.h"
 #include "tools/convert/convert.h"
 
 namespace scree::lab {

@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "format/container/part_file.h"
-#include "tools/common/command.h"
-#include "tools/common/ranks.h"
-#include "tools/common/stop_signal.h"
-#include "tools/common/suggest.h"
-#include "tools/common/version.h"
+#include "tools/common/options/command.h"
+#include "tools/common/options/suggest.h"
+#include "tools/common/options/version.h"
+#include "tools/common/process/ranks.h"
+#include "tools/common/process/stop_signal.h"
 
 namespace {
 

@@ -2,8 +2,8 @@
 
 #include <utility>
 
-#include "kernels/cuda/frame.h"
-#include "kernels/cuda/resolve.h"
+#include "kernels/cuda/frame/frame.h"
+#include "kernels/cuda/shade/resolve.h"
 #include "lab/setup/gpu_timer.h"
 #include "runtime/threads/stopwatch.h"
 

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "format/result.h"
-#include "kernels/cuda/frame.h"
+#include "kernels/cuda/frame/frame.h"
 #include "kernels/frame.h"
 #include "lab/frames/picture_error.h"
 #include "lab/options.h"

@@ -21,7 +21,7 @@
 #include "runtime/scene/scene.h"
 #include "tools/bench/csv.h"
 #include "tools/bench/file_views.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 
 namespace scree::lab {
 namespace {

@@ -9,17 +9,17 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/cuda/frame.h"
-#include "kernels/cuda/resolve.h"
+#include "kernels/cuda/frame/frame.h"
+#include "kernels/cuda/shade/resolve.h"
 #include "lab/setup/gpu_timer.h"
 #include "lab/setup/views.h"
 #include "lab/setup/work_folder.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
-#include "tools/common/human.h"
-#include "tools/common/options.h"
-#include "tools/common/text_table.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/text_table.h"
 #include "tools/convert/convert.h"
 #include "tools/synth/textured.h"
 

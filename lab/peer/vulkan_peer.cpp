@@ -17,7 +17,7 @@
 #include "pulled_vertex_shader.h"
 #include "runtime/threads/stopwatch.h"
 #include "runtime/threads/workers.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 
 namespace scree::lab {
 namespace {

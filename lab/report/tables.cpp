@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tools/common/human.h"
-#include "tools/common/options.h"
-#include "tools/common/text_table.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::lab {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "lab/scenes/generate_kernels.h"
 
 namespace scree::lab {

@@ -5,7 +5,7 @@
 
 #include "lab/scenes/clustered.h"
 #include "lab/scenes/generate.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 
 namespace scree::lab {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "kernels/scene_view.h"
 #include "lab/scenes/scene_tables.h"
 #include "runtime/draw/cuda_upload.h"

@@ -6,7 +6,7 @@
 
 #include <utility>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 
 namespace scree::lab {
 

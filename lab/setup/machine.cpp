@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "lab/setup/gpu_timer.h"
 
 namespace scree::lab {

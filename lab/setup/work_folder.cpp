@@ -6,7 +6,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tools/common/stop_signal.h"
+#include "tools/common/process/stop_signal.h"
 
 namespace scree::lab {
 namespace {

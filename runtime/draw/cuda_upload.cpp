@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "format/bytes.h"
-#include "kernels/cuda/join.h"
+#include "kernels/cuda/join/join.h"
 #include "kernels/shade/environment.h"
 
 namespace scree::runtime {

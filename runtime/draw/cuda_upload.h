@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/texture_cache.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/shade/texture_cache.h"
 #include "kernels/scene_view.h"
 #include "runtime/draw/device_block_pager.h"
 #include "runtime/scene/scene.h"

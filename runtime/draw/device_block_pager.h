@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "format/bytes.h"
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/block_pool.h"
 #include "runtime/textures/block_pager.h"

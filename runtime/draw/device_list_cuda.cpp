@@ -7,7 +7,7 @@
 #include <span>
 #include <utility>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_probe.h"
 

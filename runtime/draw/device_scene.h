@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/frame.h"
+#include "kernels/cuda/frame/frame.h"
 #include "kernels/frame.h"
 #include "runtime/draw/device_view.h"
 #include "runtime/scene/scene.h"

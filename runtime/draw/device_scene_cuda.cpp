@@ -46,7 +46,7 @@ constexpr uint64_t kSamplesPerMedium = 64;
 /// The largest batch while a scene is loaded by its pictures. A frame may wait for two batches (Streamer::draw).
 constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
 
-/// The tables of the resolver (kernels/cuda/resolve.cu), with room for the range of depths.
+/// The tables of the resolver (kernels/cuda/shade/resolve.cu), with room for the range of depths.
 constexpr uint64_t kResolverBytes = sizeof(kernels::SrgbTables) + 256;
 
 /// Device memory of the resolver of shaded pictures.
@@ -61,7 +61,7 @@ uint64_t pyramid_bytes(uint64_t width, uint64_t height) {
   return kernels::lay_out(pyramid, static_cast<int32_t>(width), static_cast<int32_t>(height)) * sizeof(uint32_t);
 }
 
-/// Two lists of the tiles of a picture of a scene with JPEG or paged levels (kernels/cuda/texture_cache.cu).
+/// Two lists of the tiles of a picture of a scene with JPEG or paged levels (kernels/cuda/shade/texture_cache.cu).
 uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
   const kernels::PixelTiles tiles{static_cast<uint32_t>(width), 0, static_cast<uint32_t>(height)};
   return uint64_t{2} * tiles.count() * sizeof(kernels::UnfinishedTile);

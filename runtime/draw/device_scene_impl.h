@@ -8,12 +8,12 @@
 #include <span>
 #include <utility>
 
-#include "kernels/cuda/blend.h"
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/frame.h"
-#include "kernels/cuda/jpeg.h"
-#include "kernels/cuda/resolve.h"
-#include "kernels/cuda/view_batch.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/frame/frame.h"
+#include "kernels/cuda/frame/view_batch.h"
+#include "kernels/cuda/shade/blend.h"
+#include "kernels/cuda/shade/jpeg.h"
+#include "kernels/cuda/shade/resolve.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/gpu_team.h"

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/frame.h"
+#include "kernels/cuda/frame/frame.h"
 #include "kernels/frame.h"
 #include "kernels/frame_parts.h"
 #include "kernels/shade/layers.h"

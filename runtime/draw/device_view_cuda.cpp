@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/cuda/layers.h"
+#include "kernels/cuda/shade/layers.h"
 #include "kernels/shade/pixels.h"
 #include "runtime/draw/device_scene_impl.h"
 #include "runtime/images/jpeg_head.h"

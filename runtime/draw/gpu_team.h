@@ -14,10 +14,10 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/frame.h"
-#include "kernels/cuda/least_samples.h"
-#include "kernels/cuda/resolve.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/frame/frame.h"
+#include "kernels/cuda/frame/least_samples.h"
+#include "kernels/cuda/shade/resolve.h"
 #include "kernels/frame.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/row_shares.h"

@@ -71,8 +71,8 @@ class LoadedScene {
   Result<kernels::View> view(const CameraOptions& options) const { return make_view(*scene_, options); }
 
   /// The lock for the GPU work of all scenes. One thread at a time submits it, because freeing device memory or waiting
-  /// for a device would end the recording of another thread's frame (kernels/cuda/graph.h). The holder has to make the
-  /// scene's device current first. The lock's destructor restores the caller's device.
+  /// for a device would end the recording of another thread's frame (kernels/cuda/common/graph.h). The holder has to
+  /// make the scene's device current first. The lock's destructor restores the caller's device.
   class GpuLock : public std::unique_lock<std::mutex> {
    public:
     explicit GpuLock(std::mutex& mutex) : std::unique_lock<std::mutex>(mutex) {}

@@ -9,7 +9,7 @@
 #include <thread>
 #include <utility>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 
 namespace scree::runtime {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <new>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 
 namespace scree::runtime {
 

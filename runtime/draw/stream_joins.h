@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "format/result.h"
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/join.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/join/join.h"
 #include "runtime/stream/join_target.h"
 #include "runtime/stream/streamer.h"
 

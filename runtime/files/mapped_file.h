@@ -20,8 +20,8 @@ enum class Access {
 Error ends_early(uint64_t end, uint64_t size);
 
 /// A read-only, private map of a whole file. The file must not shrink while it is mapped. Reading pages past its new
-/// end raises SIGBUS, which the tools turn into an error (tools/common/sigbus.h). In the page that contains the new
-/// end, lost bytes read as zeros; check_size() detects that. Move-only; reading is thread-safe.
+/// end raises SIGBUS, which the tools turn into an error (tools/common/process/sigbus.h). In the page that contains the
+/// new end, lost bytes read as zeros; check_size() detects that. Move-only; reading is thread-safe.
 class MappedFile {
  public:
   /// Maps `path`; an empty file gives an empty span. The span starts page-aligned. Errors kFile (missing, unreadable,

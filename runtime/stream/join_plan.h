@@ -1,4 +1,4 @@
-// Plans how a device joins split pages (kernels/cuda/join.h).
+// Plans how a device joins split pages (kernels/cuda/join/join.h).
 #pragma once
 
 #include <cstddef>
@@ -29,9 +29,9 @@ inline constexpr uint64_t kNotWanted = ~uint64_t{0};
 class JoinPlan {
  public:
   /// Adds the tasks that join a split page of `page_bytes` raw bytes with these drawn chunks. Checks everything that
-  /// the device does not check (kernels/cuda/join.h). So the device reads no bytes outside the split page, and writes
-  /// none outside the page. Returns false if the page has to be joined and checked here instead: it is damaged, some of
-  /// its clusters are not drawn, or its chunks are not in the order of their offsets. Throws std::bad_alloc.
+  /// the device does not check (kernels/cuda/join/join.h). So the device reads no bytes outside the split page, and
+  /// writes none outside the page. Returns false if the page has to be joined and checked here instead: it is damaged,
+  /// some of its clusters are not drawn, or its chunks are not in the order of their offsets. Throws std::bad_alloc.
   bool add_split(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
                  const JoinPlaces& places);
   /// The same for some chunks of the page, each with its own destination in the arena. `from`: where the page lies in

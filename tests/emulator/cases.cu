@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "tests/emulator/cases.h"
 
 namespace scree::emulator {

@@ -335,7 +335,7 @@ T __ldg(const T* at) {
   return *at;
 }
 
-// For kernels/cuda/graph.h, which binds a graph's nodes like launches.
+// For kernels/cuda/common/graph.h, which binds a graph's nodes like launches.
 #ifndef SCREE_EMULATED_CUDA
 #define SCREE_EMULATED_CUDA
 #endif

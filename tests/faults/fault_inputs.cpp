@@ -15,7 +15,7 @@
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/windows/window.h"
-#include "tools/gltf/document.h"
+#include "tools/gltf/document/document.h"
 
 namespace scree::tests {
 namespace {

@@ -22,7 +22,7 @@
 #include "tests/runtime/images/basis_files.h"
 #include "tests/tools/model_maker.h"
 #ifdef SCREE_TESTS_DRACO
-#include "tests/tools/gltf/draco_streams.h"
+#include "tests/tools/gltf/draco/draco_streams.h"
 #endif
 #ifdef SCREE_TESTS_WEBP
 #include "tests/runtime/images/webp_files.h"

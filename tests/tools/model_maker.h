@@ -15,7 +15,7 @@
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 
 namespace scree::tests {
 

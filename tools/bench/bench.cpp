@@ -13,8 +13,8 @@
 #include "tools/bench/file_cache.h"
 #include "tools/bench/file_views.h"
 #include "tools/common/load_scene.h"
-#include "tools/common/progress.h"
-#include "tools/common/sigbus.h"
+#include "tools/common/output/progress.h"
+#include "tools/common/process/sigbus.h"
 
 namespace scree::bench {
 namespace {

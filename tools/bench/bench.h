@@ -9,7 +9,7 @@
 #include "format/result.h"
 #include "tools/bench/machine.h"
 #include "tools/bench/times.h"
-#include "tools/common/draw_options.h"
+#include "tools/common/options/draw_options.h"
 
 namespace scree::bench {
 

@@ -1,10 +1,10 @@
 // The command line of scree bench.
-#include "tools/common/command.h"
+#include "tools/common/options/command.h"
 
 #include <memory>
 
 #include "tools/bench/bench.h"
-#include "tools/common/standard_output.h"
+#include "tools/common/output/standard_output.h"
 
 namespace scree::tools {
 namespace {

@@ -10,7 +10,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include "tools/common/stop_signal.h"
+#include "tools/common/process/stop_signal.h"
 
 namespace scree::bench {
 namespace {

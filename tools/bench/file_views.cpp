@@ -3,7 +3,7 @@
 #include <string_view>
 
 #include "runtime/scene/camera.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::bench {
 

@@ -8,7 +8,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene/scene.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 
 namespace scree::bench {
 

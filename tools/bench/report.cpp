@@ -3,9 +3,9 @@
 
 #include "tools/bench/bench.h"
 #include "tools/bench/csv.h"
-#include "tools/common/human.h"
-#include "tools/common/json_writer.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/json_writer.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::bench {
 namespace {

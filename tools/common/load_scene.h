@@ -5,8 +5,8 @@
 
 #include "format/result.h"
 #include "runtime/draw/loaded_scene.h"
-#include "tools/common/backend.h"
-#include "tools/common/draw_options.h"
+#include "tools/common/options/backend.h"
+#include "tools/common/options/draw_options.h"
 
 namespace scree::tools {
 

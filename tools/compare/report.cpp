@@ -3,8 +3,8 @@
 #include <cmath>
 #include <cstdio>
 
-#include "tools/common/human.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::compare {
 namespace {

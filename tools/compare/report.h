@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "tools/common/json_writer.h"
+#include "tools/common/output/json_writer.h"
 #include "tools/compare/geometry.h"
 #include "tools/compare/images.h"
 #include "tools/compare/pixels.h"

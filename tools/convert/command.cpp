@@ -1,5 +1,5 @@
 // scree convert: the command line.
-#include "tools/common/command.h"
+#include "tools/common/options/command.h"
 
 #include <cmath>
 #include <cstdio>
@@ -9,12 +9,12 @@
 #include <string>
 
 #include "format/text.h"
-#include "tools/common/options.h"
-#include "tools/common/output_file.h"
-#include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/output_file.h"
+#include "tools/common/output/standard_output.h"
+#include "tools/common/process/stop_signal.h"
 #include "tools/convert/convert.h"
-#include "tools/gltf/uri.h"
+#include "tools/gltf/document/uri.h"
 
 namespace scree::tools {
 namespace {

@@ -9,10 +9,10 @@
 #include <set>
 #include <thread>
 
-#include "tools/common/memory_use.h"
-#include "tools/common/options.h"
-#include "tools/common/output_file.h"
-#include "tools/common/progress.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/output_file.h"
+#include "tools/common/output/progress.h"
+#include "tools/common/process/memory_use.h"
 #include "tools/convert/passes/converter.h"
 #include "tools/convert/passes/memory_plan.h"
 #include "tools/convert/passes/shard.h"

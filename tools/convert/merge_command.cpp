@@ -4,14 +4,14 @@
 #include <string>
 #include <vector>
 
-#include "tools/common/command.h"
-#include "tools/common/options.h"
-#include "tools/common/output_file.h"
-#include "tools/common/sigbus.h"
-#include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
+#include "tools/common/options/command.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/output_file.h"
+#include "tools/common/output/standard_output.h"
+#include "tools/common/process/sigbus.h"
+#include "tools/common/process/stop_signal.h"
 #include "tools/convert/convert.h"
-#include "tools/gltf/uri.h"
+#include "tools/gltf/document/uri.h"
 
 namespace scree::tools {
 namespace {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "tools/common/json_writer.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/json_writer.h"
 
 namespace scree::convert {
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/common/stage_rates.h"
+#include "tools/common/jobs/stage_rates.h"
 #include "tools/convert/plan/convert_options.h"
 #include "tools/convert/plan/position_table.h"
 #include "tools/gltf/source.h"

@@ -4,10 +4,10 @@
 #include <string>
 
 #include "runtime/draw/device_list.h"
-#include "tools/common/command.h"
-#include "tools/common/json_writer.h"
-#include "tools/common/options.h"
-#include "tools/common/standard_output.h"
+#include "tools/common/options/command.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/json_writer.h"
+#include "tools/common/output/standard_output.h"
 
 namespace scree::tools {
 namespace {

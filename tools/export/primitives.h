@@ -7,7 +7,7 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "tools/export/export.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 
 namespace scree::tools {
 

@@ -7,7 +7,7 @@
 #include <type_traits>
 
 #include "format/bytes.h"
-#include "tools/gltf/check.h"
+#include "tools/gltf/document/check.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {

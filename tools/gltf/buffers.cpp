@@ -6,10 +6,10 @@
 
 #include "format/bytes.h"
 #include "format/fail.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 #include "tools/gltf/byte_source.h"
-#include "tools/gltf/check.h"
-#include "tools/gltf/uri.h"
+#include "tools/gltf/document/check.h"
+#include "tools/gltf/document/uri.h"
 
 namespace scree::convert {
 namespace {

@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "format/result.h"
-#include "tools/gltf/document.h"
-#include "tools/gltf/draco_source.h"
-#include "tools/gltf/meshopt_source.h"
+#include "tools/gltf/document/document.h"
+#include "tools/gltf/draco/source.h"
+#include "tools/gltf/meshopt/source.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {

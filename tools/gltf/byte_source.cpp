@@ -13,7 +13,7 @@
 
 #include "format/bytes.h"
 #include "format/fail.h"
-#include "tools/common/stage_rates.h"
+#include "tools/common/jobs/stage_rates.h"
 
 namespace scree::convert {
 namespace {

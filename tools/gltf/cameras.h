@@ -2,7 +2,7 @@
 #pragma once
 
 #include "format/result.h"
-#include "tools/gltf/document.h"
+#include "tools/gltf/document/document.h"
 #include "tools/gltf/nodes.h"
 #include "tools/gltf/source.h"
 

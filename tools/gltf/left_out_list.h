@@ -8,7 +8,7 @@
 
 #include "format/bytes.h"
 #include "tools/gltf/buffers.h"
-#include "tools/gltf/document.h"
+#include "tools/gltf/document/document.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {

@@ -10,9 +10,9 @@
 #include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/geometry/quantize.h"
-#include "tools/common/human.h"
-#include "tools/common/options.h"
-#include "tools/common/text_table.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/human.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::inspect {
 namespace {

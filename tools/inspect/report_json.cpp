@@ -3,7 +3,7 @@
 
 #include "format/blocks/format.h"
 #include "format/geometry/quantize.h"
-#include "tools/common/json_writer.h"
+#include "tools/common/output/json_writer.h"
 #include "tools/compare/report.h"
 #include "tools/inspect/report.h"
 

@@ -8,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "tools/common/text_table.h"
+#include "tools/common/output/text_table.h"
 
 namespace scree::tools {
 namespace {

@@ -9,7 +9,7 @@
 #include "format/result.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/nccl_group.h"
-#include "tools/common/ranks.h"
+#include "tools/common/process/ranks.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {

@@ -6,9 +6,9 @@
 #include "runtime/draw/pick.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tools/common/sigbus.h"
-#include "tools/common/stop_signal.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/text_table.h"
+#include "tools/common/process/sigbus.h"
+#include "tools/common/process/stop_signal.h"
 
 namespace scree::tools {
 

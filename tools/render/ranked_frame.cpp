@@ -10,9 +10,9 @@
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 #include "runtime/threads/stopwatch.h"
-#include "tools/common/backend.h"
-#include "tools/common/options.h"
-#include "tools/common/sigbus.h"
+#include "tools/common/options/backend.h"
+#include "tools/common/options/options.h"
+#include "tools/common/process/sigbus.h"
 
 namespace scree::tools {
 

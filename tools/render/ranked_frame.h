@@ -12,7 +12,7 @@
 #include "kernels/blend.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/scene/scene.h"
-#include "tools/common/ranks.h"
+#include "tools/common/process/ranks.h"
 #include "tools/render/gpu_links.h"
 #include "tools/render/layers.h"
 #include "tools/render/render_options.h"

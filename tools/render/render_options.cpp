@@ -11,7 +11,7 @@
 #include "format/text.h"
 #include "runtime/textures/srgb.h"
 #include "tools/common/load_scene.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 
 namespace scree::tools {
 namespace {

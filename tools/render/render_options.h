@@ -14,7 +14,7 @@
 #include "runtime/draw/loaded_scene.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
-#include "tools/common/draw_options.h"
+#include "tools/common/options/draw_options.h"
 #include "tools/render/path_frames.h"
 
 namespace scree::tools {

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "runtime/scene/scene.h"
-#include "tools/common/json_writer.h"
-#include "tools/common/options.h"
-#include "tools/common/output_file.h"
-#include "tools/common/stop_signal.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/json_writer.h"
+#include "tools/common/output/output_file.h"
+#include "tools/common/process/stop_signal.h"
 #include "tools/render/exr.h"
 #include "tools/render/outputs.h"
 #include "tools/render/ranked_frame.h"

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "format/result.h"
-#include "tools/common/ranks.h"
+#include "tools/common/process/ranks.h"
 #include "tools/render/render_options.h"
 
 namespace scree::tools {

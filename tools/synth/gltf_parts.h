@@ -10,7 +10,7 @@
 
 #include "format/result.h"
 #include "format/vec3.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/scene_functions.h"
 
 namespace scree::synth {

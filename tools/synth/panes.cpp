@@ -9,7 +9,7 @@
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
 

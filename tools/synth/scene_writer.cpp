@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "runtime/threads/parallel.h"
-#include "tools/common/progress.h"
+#include "tools/common/output/progress.h"
 #include "tools/gltf/box.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/synth.h"
 #include "tools/synth/textures.h"

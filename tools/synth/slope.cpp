@@ -12,7 +12,7 @@
 
 #include "format/vec3.h"
 #include "runtime/threads/parallel.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
 

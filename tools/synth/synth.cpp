@@ -7,11 +7,11 @@
 #include <memory>
 #include <string>
 
-#include "tools/common/command.h"
-#include "tools/common/json_writer.h"
-#include "tools/common/output_file.h"
-#include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
+#include "tools/common/options/command.h"
+#include "tools/common/output/json_writer.h"
+#include "tools/common/output/output_file.h"
+#include "tools/common/output/standard_output.h"
+#include "tools/common/process/stop_signal.h"
 #include "tools/synth/forest.h"
 #include "tools/synth/panes.h"
 #include "tools/synth/slope.h"

@@ -11,7 +11,7 @@
 
 #include "runtime/images/jpeg_writer.h"
 #include "runtime/threads/parallel.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
 

@@ -8,7 +8,7 @@
 
 #include "format/layout.h"
 #include "format/result.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 
 namespace scree::synth {
 

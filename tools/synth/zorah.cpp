@@ -13,10 +13,10 @@
 #include <vector>
 
 #include "format/text.h"
-#include "tools/common/ordered_pool.h"
-#include "tools/common/progress.h"
+#include "tools/common/jobs/ordered_pool.h"
+#include "tools/common/output/progress.h"
 #include "tools/gltf/box.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/sheet.h"
 

@@ -16,11 +16,11 @@
 #include <vector>
 
 #include "runtime/scene/scene.h"
-#include "tools/common/backend.h"
-#include "tools/common/command.h"
-#include "tools/common/options.h"
-#include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
+#include "tools/common/options/backend.h"
+#include "tools/common/options/command.h"
+#include "tools/common/options/options.h"
+#include "tools/common/output/standard_output.h"
+#include "tools/common/process/stop_signal.h"
 #include "tools/view/access.h"
 #include "tools/view/hub.h"
 #include "tools/view/server.h"

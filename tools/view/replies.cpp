@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "tools/common/json_writer.h"
-#include "tools/common/memory_use.h"
+#include "tools/common/output/json_writer.h"
+#include "tools/common/process/memory_use.h"
 
 namespace scree::tools::view {
 namespace {

@@ -11,7 +11,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/load_scene.h"
-#include "tools/common/sigbus.h"
+#include "tools/common/process/sigbus.h"
 
 namespace scree::tools::view {
 namespace {

@@ -13,8 +13,8 @@
 #include "kernels/frame.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/streamer.h"
-#include "tools/common/backend.h"
-#include "tools/common/draw_options.h"
+#include "tools/common/options/backend.h"
+#include "tools/common/options/draw_options.h"
 #include "tools/view/encode.h"
 #include "tools/view/message.h"
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "format/container/mip_levels.h"
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/frame.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/frame/frame.h"
 #include "tests/kernels/scene_builder.h"
 
 namespace scree::tests {

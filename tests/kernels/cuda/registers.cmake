@@ -3,7 +3,7 @@
 file(STRINGS "${TABLE}" rows REGEX "^[a-z]")
 find_program(CXXFILT NAMES c++filt REQUIRED)
 set(report "")
-foreach(source IN ITEMS frame view_batch resolve texture_cache blend)
+foreach(source IN ITEMS frame/frame frame/view_batch shade/blend shade/resolve shade/texture_cache)
   execute_process(COMMAND "${CXXFILT}" INPUT_FILE "${FOLDER}/${source}.cu.o.ptxas" OUTPUT_VARIABLE of_source)
   string(APPEND report "${of_source}")
 endforeach()

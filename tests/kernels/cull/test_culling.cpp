@@ -6,7 +6,7 @@
 
 #include "kernels/cull/near_bucket.h"
 #include "kernels/frame_parts.h"
-#include "tests/kernels/cuda/crowd.h"
+#include "tests/kernels/cuda/frame/crowd.h"
 #include "tests/kernels/draw_counted.h"
 #include "tests/sanitized.h"
 

@@ -1,5 +1,5 @@
 // Scenes that break rasterisers, drawn on the CPU by every path and compared with the double-precision reference of
-// tools/compare. tests/kernels/cuda/test_cuda_scenes.cpp draws the same scenes on the GPU. Results:
+// tools/compare. tests/kernels/cuda/frame/test_cuda_scenes.cpp draws the same scenes on the GPU. Results:
 // docs/results/hard_cases.md.
 #pragma once
 

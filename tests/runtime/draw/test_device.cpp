@@ -20,7 +20,7 @@
 #include "tools/convert/convert.h"
 
 #ifdef SCREE_HAS_CUDA
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #endif
 
 using namespace scree;

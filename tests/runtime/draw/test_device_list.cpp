@@ -12,7 +12,7 @@
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/run_program.h"
-#include "tools/common/backend.h"
+#include "tools/common/options/backend.h"
 
 namespace scree::tests {
 namespace {

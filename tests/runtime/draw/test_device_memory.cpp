@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/loaded_scene.h"

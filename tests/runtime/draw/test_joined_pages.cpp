@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/cuda/check.h"
+#include "kernels/cuda/common/check.h"
 #include "runtime/draw/cuda_upload.h"
 #include "tests/gpu.h"
 #include "tests/models.h"

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/cuda/device_copies.h"
-#include "kernels/cuda/frame.h"
+#include "kernels/cuda/common/device_copies.h"
+#include "kernels/cuda/frame/frame.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/stream_cuda.h"

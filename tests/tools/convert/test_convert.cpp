@@ -12,7 +12,7 @@
 #include "runtime/images/png_writer.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
-#include "tools/common/ordered_pool.h"
+#include "tools/common/jobs/ordered_pool.h"
 
 using namespace scree;
 using namespace scree::tests;

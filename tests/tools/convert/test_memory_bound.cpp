@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "tests/tools/flat_images.h"
-#include "tests/tools/gltf/meshopt_streams.h"
+#include "tests/tools/gltf/meshopt/meshopt_streams.h"
 #include "tests/tools/run_program.h"
 
 using namespace scree;

@@ -2,7 +2,7 @@
 #include <vector>
 
 #include "tests/results.h"
-#include "tools/common/memory_use.h"
+#include "tools/common/process/memory_use.h"
 #include "tools/convert/passes/memory_plan.h"
 
 using namespace scree;

@@ -13,7 +13,7 @@
 #include "tests/tools/validator.h"
 #include "tools/export/export.h"
 #include "tools/export/primitives.h"
-#include "tools/gltf/writer.h"
+#include "tools/gltf/write/writer.h"
 #include "tools/inspect/verify.h"
 
 namespace scree {

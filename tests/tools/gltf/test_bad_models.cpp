@@ -11,7 +11,7 @@
 #include "tests/results.h"
 #include "tests/tools/gltf/read_all.h"
 #include "tests/tools/temp_folder.h"
-#include "tools/gltf/draco_source.h"
+#include "tools/gltf/draco/source.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {

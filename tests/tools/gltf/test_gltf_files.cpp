@@ -16,11 +16,11 @@
 #include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/gltf/many_files.h"
-#include "tools/common/memory_use.h"
+#include "tools/common/process/memory_use.h"
 #include "tools/gltf/byte_source.h"
-#include "tools/gltf/json.h"
+#include "tools/gltf/document/json.h"
+#include "tools/gltf/document/uri.h"
 #include "tools/gltf/source.h"
-#include "tools/gltf/uri.h"
 
 namespace scree::convert {
 namespace {

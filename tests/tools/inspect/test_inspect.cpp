@@ -11,7 +11,7 @@
 #include "tests/models.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
-#include "tools/common/text_table.h"
+#include "tools/common/output/text_table.h"
 #include "tools/convert/encode/encode.h"
 #include "tools/inspect/inspect.h"
 #include "tools/inspect/verify.h"

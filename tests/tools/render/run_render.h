@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "tools/common/command.h"
+#include "tools/common/options/command.h"
 
 namespace scree::tests {
 

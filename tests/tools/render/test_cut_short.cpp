@@ -24,7 +24,7 @@
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tools/common/sigbus.h"
+#include "tools/common/process/sigbus.h"
 #include "tools/export/export.h"
 #include "tools/inspect/inspect.h"
 

@@ -17,8 +17,8 @@
 #include "tests/tools/jpeg_model.h"
 
 #ifdef SCREE_HAS_CUDA
-#include "kernels/cuda/check.h"
-#include "kernels/cuda/texture_cache.h"
+#include "kernels/cuda/common/check.h"
+#include "kernels/cuda/shade/texture_cache.h"
 #endif
 
 using namespace scree;
@@ -47,7 +47,7 @@ std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
   return levels;
 }
 
-/// A texture cache in host memory, used as in kernels/cuda/texture_cache.cu.
+/// A texture cache in host memory, used as in kernels/cuda/shade/texture_cache.cu.
 class HostCache {
  public:
   /// `wanted`: the number of slots that fit into its memory. With several sets it is rounded down to whole sets.

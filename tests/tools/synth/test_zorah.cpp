@@ -18,7 +18,7 @@
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tools/gltf/document.h"
+#include "tools/gltf/document/document.h"
 #include "tools/inspect/verify.h"
 #include "tools/synth/block_encoder.h"
 #include "tools/synth/sheet.h"

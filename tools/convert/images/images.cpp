@@ -16,7 +16,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
-#include "tools/common/prepare_ahead.h"
+#include "tools/common/jobs/prepare_ahead.h"
 #include "tools/convert/images/jpeg_file.h"
 #include "tools/convert/images/jpeg_levels.h"
 #include "tools/convert/images/jpeg_transcode.h"

@@ -11,7 +11,7 @@
 #include "format/result.h"
 #include "runtime/images/image.h"
 #include "tools/common/content_hash.h"
-#include "tools/common/ordered_pool.h"
+#include "tools/common/jobs/ordered_pool.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {

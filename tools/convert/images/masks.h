@@ -9,7 +9,7 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
-#include "tools/common/ordered_pool.h"
+#include "tools/common/jobs/ordered_pool.h"
 #include "tools/convert/images/images.h"
 #include "tools/gltf/source.h"
 

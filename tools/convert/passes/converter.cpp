@@ -11,7 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/fail.h"
-#include "tools/common/progress.h"
+#include "tools/common/output/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
 #include "tools/convert/images/masks.h"

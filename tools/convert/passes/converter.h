@@ -5,7 +5,7 @@
 #include <string>
 
 #include "format/result.h"
-#include "tools/common/progress.h"
+#include "tools/common/output/progress.h"
 #include "tools/convert/passes/shard.h"
 #include "tools/convert/plan/convert_options.h"
 #include "tools/convert/report.h"

@@ -9,8 +9,8 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
-#include "tools/common/ordered_pool.h"
-#include "tools/common/stage_rates.h"
+#include "tools/common/jobs/ordered_pool.h"
+#include "tools/common/jobs/stage_rates.h"
 #include "tools/convert/encode/encode.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/passes/resume.h"

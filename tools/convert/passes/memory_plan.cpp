@@ -5,8 +5,8 @@
 #include <memory>
 #include <string>
 
-#include "tools/common/memory_use.h"
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
+#include "tools/common/process/memory_use.h"
 #include "tools/convert/passes/encode_pass.h"
 #include "tools/convert/passes/resume.h"
 #include "tools/convert/plan/mesh_plan.h"
@@ -14,7 +14,7 @@
 #include "tools/convert/windows/held_windows.h"
 #include "tools/convert/windows/locality.h"
 #include "tools/convert/windows/read_ahead.h"
-#include "tools/gltf/meshopt_source.h"
+#include "tools/gltf/meshopt/source.h"
 
 namespace scree::convert {
 namespace {

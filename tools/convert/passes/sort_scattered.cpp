@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "tools/common/options.h"
+#include "tools/common/options/options.h"
 #include "tools/convert/sort/sort_primitive.h"
 
 namespace scree::convert {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "format/result.h"
-#include "tools/common/progress.h"
+#include "tools/common/output/progress.h"
 #include "tools/convert/passes/memory_plan.h"
 #include "tools/convert/windows/measure.h"
 #include "tools/gltf/source.h"

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "format/bytes.h"
-#include "tools/common/ordered_pool.h"
+#include "tools/common/jobs/ordered_pool.h"
 #include "tools/convert/sort/curve.h"
 #include "tools/convert/sort/spill_buckets.h"
 #include "tools/convert/windows/radix_sort.h"

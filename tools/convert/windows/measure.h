@@ -12,8 +12,8 @@
 
 #include "format/result.h"
 #include "tools/common/content_hash.h"
-#include "tools/common/ordered_pool.h"
-#include "tools/common/stage_rates.h"
+#include "tools/common/jobs/ordered_pool.h"
+#include "tools/common/jobs/stage_rates.h"
 #include "tools/convert/windows/held_windows.h"
 #include "tools/convert/windows/window.h"
 #include "tools/gltf/source.h"

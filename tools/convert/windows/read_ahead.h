@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "tools/common/prepare_ahead.h"
+#include "tools/common/jobs/prepare_ahead.h"
 #include "tools/convert/windows/measure.h"
 #include "tools/gltf/source.h"
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "format/result.h"
-#include "tools/common/raw_vector.h"
+#include "tools/common/jobs/raw_vector.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
