@@ -1,12 +1,15 @@
 // The page. It has the camera and the settings; pictures come from the server (worker.js).
+import {addressOf, commandOf, readAddress} from './address.js';
 import {alongPath, between, Camera} from './camera.js';
+import {ClipBox} from './clip_box.js';
 import {Controls} from './controls.js';
+import {$, copy, element, fill, saveFile, toast} from './elements.js';
 import {lengthText, Overlay} from './overlay.js';
+import {Bookmarks, KeyPath} from './saved_views.js';
 import {bytesText, countText, Stats} from './stats.js';
 import {Tree} from './tree.js';
 import {add, distance, dot, mix, scale, sub} from './vector.js';
 
-const $ = (id) => document.getElementById(id);
 const kSendMs = 8;      // least time between two views sent
 const kProbeMs = 40;    // between two requests for the point under the cursor
 const kRestMs = 70;     // time without a change after which the camera is at rest
@@ -32,7 +35,6 @@ let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
-let clip = {on: false, box: [-1, -1, -1, 1, 1, 1]};  // the clipping box: smallest, then largest coordinates
 
 const settings = {show: 'texture', light: true, shadows: false, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
 const shows = [...$('show').options].map((option) => option.value);
@@ -212,18 +214,18 @@ function opened(message) {
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
-    clip = {on: false, box: wholeBox()};
+    Object.assign(clip, {on: false, box: wholeBox()});
     settings.shadows = scene.shadows;
-    if (!readAddress()) camera.set(homePose());
+    if (!goToAddress()) camera.set(homePose());
     settings.shadows &&= scene.canCastShadows;
     fillCameras();
-    readBookmarks();
+    bookmarks.read(`scree-bookmarks:${scene.file}:${scene.scene}`);
   }
   if (tree.hidden.size || tree.only.size) send({type: 'hide', hidden: [...tree.hidden], only: [...tree.only]});
   if ($('tree-part').open) needTree(true);
   depth = distance(camera.eye, camera.target);
   showSettings();
-  showClip();
+  clip.show();
   drawOverlay();
   refresh();
 }
@@ -449,74 +451,17 @@ function wholeBox() {
   const {boxMin: low = [-1, -1, -1], boxMax: high = [1, 1, 1]} = scene, more = 1e-3 * camera.size;
   return [...low.map((value) => value - more), ...high.map((value) => value + more)];
 }
-const clipInputs = [0, 1, 2, 3, 4, 5].map((side) => {
-  const row = element('label', ''), name = element('span', `${'XYZ'[side % 3]} ${side < 3 ? 'from' : 'to'}`);
-  const slider = element('input', ''), number = element('input', '');
-  row.className = 'row';
-  Object.assign(slider, {type: 'range', min: 0, max: 1000, step: 1});
-  Object.assign(number, {type: 'number', step: 'any'});
-  slider.setAttribute('aria-label', name.textContent);
-  number.setAttribute('aria-label', `${name.textContent}, number`);
-  slider.addEventListener('input', () => {
-    const whole = wholeBox(), axis = side % 3;
-    moveSide(side, whole[axis] + slider.value / 1000 * (whole[axis + 3] - whole[axis]));
-  });
-  number.addEventListener('change', () => moveSide(side, number.valueAsNumber));
-  row.append(name, slider, number);
-  $('clip-sides').append(row);
-  return {slider, number};
-});
-function showClip() {
-  overlay.clip = clip.on ? clip.box : null;
-  $('clip').checked = clip.on;
-  const whole = wholeBox();
-  clipInputs.forEach(({slider, number}, side) => {
-    const axis = side % 3;
-    slider.value = 1000 * (clip.box[side] - whole[axis]) / (whole[axis + 3] - whole[axis]);
-    number.value = Number(clip.box[side].toPrecision(6));
-  });
-}
-/// Moves a side, 0 to 5, at most to the opposite side. `time`: as for changed().
-function moveSide(side, value, time) {
-  if (Number.isFinite(value)) {
-    const opposite = clip.box[(side + 3) % 6];
-    clip.box[side] = side < 3 ? Math.min(value, opposite) : Math.max(value, opposite);
-    clip.on = true;
-  }
-  showClip();
-  changed(time);
-}
-function setClip(on, box = clip.box) {
-  clip = {on, box: [...box]};
-  showClip();
-  drawOverlay();
-  refresh();
-}
-$('clip').addEventListener('change', (event) => { if (scene) setClip(event.target.checked); });
-overlay.grab = (side, down) => {
-  down.stopPropagation();
-  down.preventDefault();
-  const at = overlay.sideAt(side), start = clip.box[side], axis = side % 3;
-  const screen = (point) => {
+const clip = new ClipBox(overlay, {
+  changed,
+  refresh() { drawOverlay(); refresh(); },
+  whole: wholeBox,
+  place(point) {
     const {x, y} = camera.project(point, aspect());
     return [x * stage.clientWidth, y * stage.clientHeight];
-  };
-  const step = 0.01 * Math.max(depth, 1e-3 * camera.size);
-  const [x, y] = screen(at), [stepX, stepY] = screen(at.map((value, k) => value + (k === axis ? step : 0)));
-  const along = [(stepX - x) / step, (stepY - y) / step], squared = along[0] ** 2 + along[1] ** 2;
-  const move = (event) => {
-    const moved = (event.clientX - down.clientX) * along[0] + (event.clientY - down.clientY) * along[1];
-    if (squared > 1e-12) moveSide(side, start + moved / squared, event.timeStamp);
-  };
-  const end = () => {
-    removeEventListener('pointermove', move);
-    removeEventListener('pointerup', end);
-    removeEventListener('pointercancel', end);
-  };
-  addEventListener('pointermove', move);
-  addEventListener('pointerup', end);
-  addEventListener('pointercancel', end);
-};
+  },
+  step: () => 0.01 * Math.max(depth, 1e-3 * camera.size),
+});
+$('clip').addEventListener('change', (event) => { if (scene) clip.set(event.target.checked); });
 
 // --- Settings ---
 
@@ -558,146 +503,45 @@ $('z-up').addEventListener('change', (event) => {
 // --- Saved views: address, command, bookmarks, paths ---
 
 function writeAddress() {
-  if (!scene) return;
-  const pose = camera.pose(), short = (v) => v.map((value) => Number(value.toPrecision(12))).join(',');
-  const parts = [`v=1`, `e=${short(pose.eye)}`, `t=${short(pose.target)}`, `u=${pose.up.join(',')}`, `f=${Number(pose.fov.toPrecision(6))}`, `m=${settings.show}`];
-  const flags = ['shadows', 'ssao', 'edl'].filter((name) => settings[name]).concat(settings.light ? [] : ['unlit']);
-  if (flags.length) parts.push(`o=${flags.join(',')}`);
-  if (clip.on) parts.push(`c=${short(clip.box)}`);
-  history.replaceState(null, '', `#${parts.join('&')}`);
+  if (scene) history.replaceState(null, '', `#${addressOf(camera.pose(), settings, clip)}`);
 }
 /// Sets the view of the address. Returns false if there is none.
-function readAddress() {
-  const hash = firstHash;
-  const vector = (name) => {
-    const values = (hash.get(name) ?? '').split(',').map(Number);
-    return values.length === 3 && values.every(Number.isFinite) ? values : null;
-  };
-  if (shows.includes(hash.get('m'))) settings.show = hash.get('m');
-  const flags = (hash.get('o') ?? '').split(',');
-  if (hash.has('v')) settings.shadows = flags.includes('shadows');
-  settings.ssao = flags.includes('ssao');
-  settings.edl = flags.includes('edl');
-  settings.light = !flags.includes('unlit');
-  const box = (hash.get('c') ?? '').split(',').map(Number);
-  if (box.length === 6 && box.every(Number.isFinite) && [0, 1, 2].every((axis) => box[axis] <= box[axis + 3])) clip = {on: true, box};
-  const eye = vector('e'), target = vector('t'), up = vector('u'), fov = Number(hash.get('f'));
-  if (!eye || !target || distance(eye, target) === 0) return false;
-  camera.set({eye, target, up: up ?? [0, 1, 0], fov: fov > 0.1 && fov < 179 ? fov : 45});
-  return true;
+function goToAddress() {
+  const view = readAddress(firstHash, shows);
+  Object.assign(settings, view.settings);
+  if (view.box) Object.assign(clip, {on: true, box: view.box});
+  if (view.pose) camera.set(view.pose);
+  return view.pose !== null;
 }
-
-const quoted = (word) => /^[\w./:=,@%+-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`;
-function command() {
-  const pose = camera.pose(), vector = (v) => v.map((value) => String(value)).join(',');
-  const words = ['scree', 'render', scene.file, '--size', `${size.width}x${size.height}`, `--eye=${vector(pose.eye)}`, `--target=${vector(pose.target)}`,
-    `--up=${vector(pose.up)}`, '--fov', String(pose.fov), '--samples', String(exactSamples || settings.samples), '--show', settings.show, '--background', settings.background];
-  if (scene.scene) words.push('--scene', scene.scene);
-  words.push(...(settings.light ? scene.light : ['--no-light']));
-  if (settings.light && settings.shadows) words.push('--shadows', ...(scene.shadowSize ? ['--shadow-size', String(scene.shadowSize)] : []));
-  if (settings.ssao) words.push('--ssao');
-  if (settings.edl) words.push('--edl', '--edl-strength', String(settings.edlStrength), '--edl-radius', String(settings.edlRadius));
-  if (clip.on) words.push(`--clip-box=${vector(clip.box)}`);
-  words.push('-o', `${baseName()}.png`);
-  return words.map(quoted).join(' ');
-}
+const command = () => commandOf(scene, size, camera.pose(), exactSamples || settings.samples, settings, clip, `${baseName()}.png`);
 const baseName = () => scene.name.replace(/\.scree$/, '');
 
-async function copy(text, what) {
-  try {
-    await navigator.clipboard.writeText(text);
-    toast(`${what} copied.`);
-  } catch {  // an insecure context has no clipboard
-    const area = document.body.appendChild(element('textarea', text));
-    area.select();
-    toast(document.execCommand('copy') ? `${what} copied.` : text);
-    area.remove();
-  }
-}
-function saveFile(blob, name) {
-  const link = element('a', '');
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  toast(`${name}: ${bytesText(blob.size)}`);
-}
-
-let bookmarks = [], bookmarkAt = -1, keys = [];
-const bookmarkKey = () => `scree-bookmarks:${scene.file}:${scene.scene}`;
-function readBookmarks() {
-  try { bookmarks = JSON.parse(localStorage.getItem(bookmarkKey()) ?? '[]').filter(isPose); } catch { bookmarks = []; }
-  showBookmarks();
-}
-const isVector = (v) => Array.isArray(v) && v.length === 3 && v.every(Number.isFinite);
-const isPose = (pose) => pose && isVector(pose.eye) && isVector(pose.target) && isVector(pose.up) && pose.fov > 0 && pose.fov < 180 && distance(pose.eye, pose.target) > 0;
-function showBookmarks() {
-  localStorage.setItem(bookmarkKey(), JSON.stringify(bookmarks));
-  fill($('bookmarks'), bookmarks.map((bookmark, i) => ({
-    text: bookmark.name, pressed: i === bookmarkAt, click: () => goToBookmark(i),
-    remove: () => { bookmarks.splice(i, 1); bookmarkAt = -1; showBookmarks(); },
-  })), 'none yet: B adds this view');
-}
-function addBookmark() {
-  const number = 1 + Math.max(0, ...bookmarks.map((bookmark) => Number(/\d+$/.exec(bookmark.name)?.[0] ?? 0)));
-  bookmarkAt = bookmarks.push({name: `View ${number}`, ...camera.pose()}) - 1;
-  showBookmarks();
-  toast(`Bookmark “View ${number}”`);
-}
-function goToBookmark(i) {
-  if (bookmarks.length === 0) return toast('No bookmarks yet: B adds this view.');
-  bookmarkAt = (i + bookmarks.length) % bookmarks.length;
-  ease(bookmarks[bookmarkAt], 700);
-  showBookmarks();
-}
+const poses = {pose: () => camera.pose(), go: (pose) => ease(pose, 700)};
+const bookmarks = new Bookmarks(poses), path = new KeyPath(poses);
 function fillCameras() {
   $('cameras-part').hidden = scene.cameras.length === 0;
-  fill($('cameras'), scene.cameras.map((named) => ({text: named.name, click: () => ease(named, 700)})));
+  fill($('cameras'), scene.cameras.map((named) => ({text: named.name, click: () => poses.go(named)})));
 }
 
-function showKeys() {
-  fill($('keys'), keys.map((key, i) => ({
-    text: `${key.t.toFixed(1)} s`, click: () => ease(key, 700),
-    remove: () => { keys.splice(i, 1); if (keys.length) keys = keys.map((other) => ({...other, t: other.t - keys[0].t})); showKeys(); },
-  })), 'none yet: K adds this view');
-  $('play').disabled = keys.length < 2;
-}
-function addKey() {
-  const seconds = Math.max(0.1, Number($('key-seconds').value) || 2);
-  keys.push({t: keys.length ? keys.at(-1).t + seconds : 0, ...camera.pose()});
-  showKeys();
-  toast(`Key ${keys.length} of the path`);
-}
 function setPlaying(on) {
   playing = on;
   $('play').textContent = on ? 'Stop' : 'Play';
 }
 function play() {
   if (playing) return stopAnimation();
-  if (keys.length < 2) return toast('A path needs two keys: K adds this view.');
+  if (path.keys.length < 2) return toast('A path needs two keys: K adds this view.');
   stopAnimation();
-  animation = {keys, start: performance.now()};
+  animation = {keys: path.keys, start: performance.now()};
   setPlaying(true);
   requestAnimationFrame(animate);
 }
-$('path-file').addEventListener('change', async ({target}) => {
-  try {
-    const read = JSON.parse(await target.files[0].text());
-    if (read.format !== 'scree camera path' || !read.keys.every((key) => isPose(key) && Number.isFinite(key.t) && key.t >= 0)) throw new Error();
-    keys = read.keys.sort((a, b) => a.t - b.t);
-    showKeys();
-  } catch {
-    toast('This file holds no path of scree view.', true);
-  }
-  target.value = '';
-});
 
 // --- Actions of buttons and keys ---
 
 const actions = {
   home: () => ease(homePose()),
   focus: () => ease(picks.length ? frame(pickedBox()) : homePose()),
-  bookmark: addBookmark,
+  bookmark: () => bookmarks.add(),
   link: () => { writeAddress(); copy(location.href, 'Link'); },
   command: () => copy(command(), tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command'),
   stats: () => toggle('stats', 'stats', () => stats.draw()),
@@ -705,15 +549,15 @@ const actions = {
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
   axis: (button) => ease(axisPose(button.dataset.axis)),
   unpick,
-  'clip-reset': () => setClip(clip.on, wholeBox()),
+  'clip-reset': () => clip.set(clip.on, wholeBox()),
   hide: () => { if (picks.length) tree.toggle(picks.at(-1).node); },
   isolate: () => { if (picks.length) tree.isolate(picks.at(-1).node); },
   'show-all': () => tree.showAll(),
-  key: addKey,
+  key: () => path.add(),
   play,
-  'save-path': () => keys.length ? saveFile(new Blob([JSON.stringify({format: 'scree camera path', version: 1, keys}, null, 1)], {type: 'application/json'}), `${baseName()}-path.json`) : toast('The path has no keys.'),
+  'save-path': () => path.save(`${baseName()}-path.json`),
   'load-path': () => $('path-file').click(),
-  'clear-path': () => { keys = []; showKeys(); },
+  'clear-path': () => path.clear(),
   screenshot() {
     const [width, height] = $('shot-size').value === 'view' ? [size.width, size.height] : $('shot-size').value.split('x').map(Number);
     send({type: 'screenshot', id: ++shotId, width, height, samples: Number($('shot-samples').value)});
@@ -752,8 +596,8 @@ addEventListener('keydown', (event) => {
     case 'KeyO': return take(event, () => set({ssao: !settings.ssao}));
     case 'KeyI': return take(event, () => set({edl: !settings.edl}));
     case 'KeyX': return take(event, () => event.shiftKey ? tree.showAll() : actions.hide());
-    case 'BracketLeft': return take(event, () => goToBookmark(bookmarkAt - 1));
-    case 'BracketRight': return take(event, () => goToBookmark(bookmarkAt + 1));
+    case 'BracketLeft': return take(event, () => bookmarks.go(bookmarks.at - 1));
+    case 'BracketRight': return take(event, () => bookmarks.go(bookmarks.at + 1));
     case 'KeyN': return take(event, () => { $('panel').hidden = false; $('tree-part').open = true; $('tree-search').focus(); });
     case 'Escape': return take(event, unpick);
   }
@@ -770,43 +614,12 @@ function take(event, action) {
   action();
 }
 
-// --- Elements of the page ---
-
-function element(name, text) {
-  const made = document.createElement(name);
-  made.textContent = text;
-  return made;
-}
-function fill(list, rows, empty = 'none') {
-  list.dataset.empty = empty;
-  list.replaceChildren(...rows.map(({text, pressed, click, remove}) => {
-    const row = element('li', ''), button = element('button', text);
-    if (pressed !== undefined) button.setAttribute('aria-pressed', String(pressed));
-    button.addEventListener('click', click);
-    row.append(button);
-    if (remove) {
-      const cross = element('button', '×');
-      cross.title = 'Remove';
-      cross.addEventListener('click', remove);
-      row.append(cross);
-    }
-    return row;
-  }));
-}
-function toast(text, isBad = false) {
-  const made = element('div', text);
-  made.className = isBad ? 'toast bad' : 'toast';
-  $('toasts').append(made);
-  while ($('toasts').children.length > 3) $('toasts').firstChild.remove();
-  setTimeout(() => made.remove(), isBad ? 6000 : 2200);
-}
-
 // --- Start ---
 
 /// For tests, and for scripts in a browser's console.
 const pixelReaders = [];
 window.scree = {
-  camera, settings, set, setClip, clip: () => clip, command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
+  camera, settings, set, setClip: (on, box) => clip.set(on, box), clip: () => ({on: clip.on, box: clip.box}), command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
   go(pose) { stopAnimation(); camera.set(pose); showFov(); changed(); },
   latencies: stats.latencies,
   rows: stats.rows,
@@ -825,7 +638,6 @@ worker.postMessage({type: 'start', canvas: offscreen, address: place.href}, [off
 document.querySelector('#tools [data-do=panel]').setAttribute('aria-pressed', 'true');
 if (innerWidth <= 720) actions.panel();
 showSettings();
-showKeys();
 if (token) connect(token);
 else askForToken('This address has no token', 'Open the address that scree view printed, or paste it here.');
 addEventListener('pagehide', () => worker.terminate());
