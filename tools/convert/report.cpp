@@ -43,6 +43,26 @@ std::string describe_work(const ConvertReport& report) {
 
 }  // namespace
 
+void add_results(const format::TableSet& tables, const format::ContainerWriter& writer, ConvertReport& report) {
+  report.meshes = tables.meshes.size();
+  report.chunks = tables.chunks.size();
+  for (const format::MeshRecord& mesh : tables.meshes) {
+    report.triangles += mesh.triangle_count;
+    report.position_error_bound = std::max(report.position_error_bound, mesh.max_position_error);
+  }
+  for (const format::SceneRecord& scene : tables.scenes) report.triangles_drawn += scene.triangle_count;
+  report.geometry_bytes = writer.page_bytes(format::PageKind::kGeometry);
+  report.mask_bytes = writer.page_bytes(format::PageKind::kMask);
+  report.image_bytes = writer.page_bytes(format::PageKind::kImage) + report.mask_bytes;
+  for (const format::MaterialRecord& material : tables.materials) {
+    report.blended += (material.flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
+    report.opaque_masks += (material.flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
+  }
+  for (const format::MaskRecord& mask : tables.masks)
+    report.masks += (tables.materials[mask.material].flags & format::kMaterialAlphaBlend) == 0 ? 1 : 0;
+  report.opaque_masks -= report.masks;
+}
+
 std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats) {
   const uint64_t left_out = left_out_bytes(report);
   const double kept = static_cast<double>(report.input_bytes - std::min(left_out, report.input_bytes));

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "format/container/container.h"
 #include "tools/common/jobs/stage_rates.h"
 #include "tools/convert/plan/convert_options.h"
 #include "tools/convert/plan/position_table.h"
@@ -47,6 +48,9 @@ struct ConvertReport {
   StageRates rates;
   std::vector<std::string> warnings;  // one line each
 };
+
+/// Adds the counts, errors and bytes of the tables and pages of a finished output.
+void add_results(const format::TableSet& tables, const format::ContainerWriter& writer, ConvertReport& report);
 
 /// Two lines: "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10", then triangles, error, time and memory; a third
 /// if something was left out. `stats`: adds a line with the rate of every stage.

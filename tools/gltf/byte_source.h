@@ -10,6 +10,7 @@
 
 #include "format/container/part_file.h"
 #include "format/result.h"
+#include "tools/common/jobs/stage_rates.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
@@ -23,10 +24,6 @@ Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& pa
 Result<void> check_read(uint64_t offset, std::span<const std::byte> out, uint64_t size, const char* what);
 
 /// Totals of all reads of files and of part_source() since the program began, in all threads.
-struct ReadTotals {
-  uint64_t bytes = 0;
-  double seconds = 0;
-};
 ReadTotals read_totals();
 
 /// [offset, offset + size) of another source. The caller has checked the range.

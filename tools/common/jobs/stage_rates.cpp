@@ -26,6 +26,23 @@ std::string bytes_a_second(uint64_t bytes, double seconds) {
 
 }  // namespace
 
+StageRates StageTimes::rates(ReadTotals read, uint64_t written, uint32_t threads) const {
+  const auto seconds = [](const std::atomic<uint64_t>& nanoseconds) {
+    return 1e-9 * static_cast<double>(nanoseconds.load());
+  };
+  StageRates now;
+  now.measured_triangles = measured_triangles;
+  now.encoded_triangles = encoded_triangles;
+  now.read_bytes = read.bytes;
+  now.written_bytes = written + discarded_bytes;
+  now.read_seconds = read.seconds;
+  now.measure_seconds = seconds(measuring);
+  now.encode_seconds = seconds(encoding);
+  now.write_seconds = seconds(writing);
+  now.threads = threads;
+  return now;
+}
+
 std::string describe(const StageRates& rates) {
   const double read = rates.read_seconds / rates.threads;
   const double measure = rates.measure_seconds / rates.threads;

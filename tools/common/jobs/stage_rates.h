@@ -21,6 +21,12 @@ struct StageRates {
   uint32_t threads = 1;  // number of encoding threads
 };
 
+/// Bytes read, and the time that all threads spent in read calls.
+struct ReadTotals {
+  uint64_t bytes = 0;
+  double seconds = 0;
+};
+
 /// Counters that the stages add to: nanoseconds of all threads, and triangles counted by the thread that takes results.
 struct StageTimes {
   std::atomic<uint64_t> measuring{0};
@@ -29,6 +35,9 @@ struct StageTimes {
   uint64_t measured_triangles = 0;
   uint64_t encoded_triangles = 0;
   uint64_t discarded_bytes = 0;  // written but not used
+
+  /// `written`: bytes in the file now. `threads`: of encoding.
+  StageRates rates(ReadTotals read, uint64_t written, uint32_t threads) const;
 };
 
 /// "read 2.31 GiB/s, measure 310 M triangles/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's

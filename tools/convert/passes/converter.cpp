@@ -166,37 +166,16 @@ class Converter {
   EncodeStart cut_shard() {
     shard_share_.index = options_.shard;
     shard_share_.input = whole_path(options_.input).string();
-    const auto keep = [](Part part, auto&... lists) {
-      (lists.erase(lists.begin() + static_cast<ptrdiff_t>(part.end), lists.end()), ...);
-      (lists.erase(lists.begin(), lists.begin() + static_cast<ptrdiff_t>(part.first)), ...);
-    };
-    const Part images = part_of(images_.costs, options_.shard, options_.shards);
-    keep(images, images_.records, images_.sources, images_.is_color, images_.costs, images_.broken, images_.hashes);
-    std::vector<WindowPlan>& windows = measurement_.windows;
-    std::vector<uint64_t> costs;
-    for (const WindowPlan& window : windows) costs.push_back(window.count);
-    const Part own = part_of(costs, options_.shard, options_.shards);
+    keep_share(options_.shard, options_.shards, images_);
     EncodeStart start;
-    for (uint64_t i = own.first;
-         own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
-      start.triangle += windows[i].kept;
-    if (start.triangle > 0) start.mesh = mesh_of_[windows[own.first].primitive];
-    keep(own, windows);
+    start.triangle = keep_share(options_.shard, options_.shards, measurement_.windows);
+    if (start.triangle > 0) start.mesh = mesh_of_[measurement_.windows.front().primitive];
     return start;
   }
 
   /// Adds the plan and this shard's share, which merging reads, and finishes the file.
   Result<void> finish_shard() {
-    const std::pair<format::PageKind, std::vector<std::byte>> pages[] = {{kShardPlanPage, shard_plan_},
-                                                                         {kShardSharePage, pack_share(shard_share_)}};
-    for (const auto& [kind, bytes] : pages) {
-      const std::span<const std::byte> from(bytes);
-      const auto copy = [from](uint64_t offset, std::span<std::byte> out) {
-        std::copy_n(from.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
-        return Result<void>();
-      };
-      SCREE_TRY(writer_->append_raw(kind, bytes.size(), copy));
-    }
+    SCREE_TRY(append_shard_pages(shard_plan_, shard_share_, *writer_));
     format::TableSet tables;
     tables.source = tables_.source;
     tables.strings = tables_.strings;
@@ -235,15 +214,6 @@ class Converter {
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
-  }
-
-  static bool is_outcome_of(const WindowOutcome& outcome, const WindowPlan& window, uint32_t mesh) {
-    uint64_t triangles = 0;
-    for (const format::ChunkRecord& chunk : outcome.chunks) {
-      if (chunk.mesh != mesh) return false;
-      triangles += chunk.triangle_count;
-    }
-    return triangles == window.kept && !outcome.chunks.empty();
   }
 
   Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
@@ -285,7 +255,7 @@ class Converter {
   /// after the input was checked, because --resume could continue it. If a step fails, no state has changed, and the
   /// error occurs again after measuring.
   void prepare_ahead() {
-    const std::optional<std::vector<bool>> used = materials_known();
+    const std::optional<std::vector<bool>> used = materials_known(scene_, wanted_, options_.drop_nonfinite);
     std::error_code ignored;
     const bool is_other_part = std::filesystem::exists(report_.output + ".part", ignored);
     if (options_.resume || options_.shards > 0 || is_other_part || options_.grid != Grid::kMesh ||
@@ -304,20 +274,6 @@ class Converter {
       return;
     }
     if (options_.share) merged_ = merge_materials(scene_, *used, images_.places);
-  }
-
-  /// materials_used(), if the document alone determines it: every triangle of a list is kept, unless --drop-nonfinite
-  /// may drop it.
-  std::optional<std::vector<bool>> materials_known() const {
-    std::vector<bool> known(scene_.materials.size()), possible(scene_.materials.size());
-    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
-      const Primitive& primitive = scene_.primitives[i];
-      if (!wanted_[i] || primitive.material == kNone || primitive.triangle_count() == 0) continue;
-      possible[primitive.material] = true;
-      if (primitive.mode == PrimitiveMode::kTriangles && !options_.drop_nonfinite) known[primitive.material] = true;
-    }
-    if (known != possible) return std::nullopt;
-    return known;
   }
 
   /// The primitive of a window: its sorted copy if there is one.
@@ -357,14 +313,7 @@ class Converter {
     plans_.push_back(mesh.plan);
   }
 
-  /// Flags for the materials of primitives that keep a triangle.
-  std::vector<bool> materials_used() const {
-    std::vector<bool> used(scene_.materials.size());
-    for (size_t i = 0; i < scene_.primitives.size(); ++i)
-      if (measurement_.primitives[i].triangles != 0 && scene_.primitives[i].material != kNone)
-        used[scene_.primitives[i].material] = true;
-    return used;
-  }
+  std::vector<bool> materials_used() const { return convert::materials_used(scene_, measurement_.primitives); }
 
   /// The options of a pass over images or masks, with its limit of memory, and its number of threads.
   std::pair<ImageOptions, uint32_t> image_stage() const {
@@ -594,20 +543,8 @@ class Converter {
 
   StageRates rates() const {
     const ReadTotals read = read_totals();
-    const auto seconds = [](const std::atomic<uint64_t>& nanoseconds) {
-      return 1e-9 * static_cast<double>(nanoseconds.load());
-    };
-    StageRates now;
-    now.measured_triangles = times_.measured_triangles;
-    now.encoded_triangles = times_.encoded_triangles;
-    now.read_bytes = read.bytes - read_before_.bytes;
-    now.read_seconds = read.seconds - read_before_.seconds;
-    now.written_bytes = writer_->bytes() + times_.discarded_bytes - written_before_;
-    now.measure_seconds = seconds(times_.measuring);
-    now.encode_seconds = seconds(times_.encoding);
-    now.write_seconds = seconds(times_.writing);
-    now.threads = report_.threads;
-    return now;
+    return times_.rates({read.bytes - read_before_.bytes, read.seconds - read_before_.seconds},
+                        writer_->bytes() - written_before_, report_.threads);
   }
 
   void note_window(const WindowOutcome& window, uint32_t mesh) {
@@ -641,57 +578,30 @@ class Converter {
   }
 
   void list_left_out() {
-    convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, encoded_,
-                           options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite, clear_},
-                          tables_);
-    const auto warn = [&](uint64_t count, const char* one, const char* many) {
-      if (count > 0)
-        report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + (count == 1 ? one : many));
-    };
-    warn(undrawn_, "primitive that no node draws is left out", "primitives that no node draws are left out");
-    warn(clear_, "primitive that its alpha mask hides everywhere is left out",
-         "primitives that their alpha masks hide everywhere are left out");
-    warn(report_.dropped_nonfinite, "triangle with a position that is not finite is left out",
-         "triangles with positions that are not finite are left out");
-    warn(encoded_.repaired_uvs, "texture coordinate is not finite and became 0",
-         "texture coordinates are not finite and became 0");
-    warn(encoded_.repaired_colors, "vertex colour is not finite and became 0",
-         "vertex colours are not finite and became 0");
-    warn(encoded_.repaired_normals, "normal is zero or not finite and became +z",
-         "normals are zero or not finite and became +z");
-    warn(encoded_.repaired_tangents, "tangent is zero, not finite or parallel to its normal and became arbitrary",
-         "tangents are zero, not finite or parallel to their normal and became arbitrary");
+    const LeftOutFacts facts = {scene_,
+                                plans_,
+                                mesh_of_,
+                                measurement_.primitives,
+                                first_equal_,
+                                images_,
+                                merged_,
+                                encoded_,
+                                options_.normals,
+                                undrawn_,
+                                report_.dropped_degenerate,
+                                report_.dropped_nonfinite,
+                                clear_};
+    add_left_out(facts, tables_);
+    const std::vector<std::string> warnings = left_out_warnings(facts);
+    report_.warnings.insert(report_.warnings.end(), warnings.begin(), warnings.end());
     if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
   }
 
   void fill_report() {
     report_.position_error = encoded_.position_error;
-    report_.meshes = tables_.meshes.size();
-    report_.chunks = tables_.chunks.size();
     report_.windows = measurement_.windows.size();
-    for (const format::MeshRecord& mesh : tables_.meshes) {
-      report_.triangles += mesh.triangle_count;
-      report_.position_error_bound = std::max(report_.position_error_bound, mesh.max_position_error);
-    }
-    for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
-    report_.geometry_bytes = writer_->page_bytes(format::PageKind::kGeometry);
-    report_.image_bytes = writer_->page_bytes(format::PageKind::kImage) + writer_->page_bytes(format::PageKind::kMask);
-    report_.mask_bytes = writer_->page_bytes(format::PageKind::kMask);
-    for (const format::MaterialRecord& material : tables_.materials) {
-      report_.blended += (material.flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
-      report_.opaque_masks += (material.flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
-    }
-    for (const format::MaskRecord& mask : tables_.masks)
-      report_.masks += (tables_.materials[mask.material].flags & format::kMaterialAlphaBlend) == 0 ? 1 : 0;
-    report_.opaque_masks -= report_.masks;
-    for (const format::LeftOutRecord& record : tables_.left_out) {
-      const std::string_view what = tables_.strings.bytes().data() + record.what;
-      // Repeated and unused data, and data that readers derive, are not lost.
-      if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)" ||
-          what == kFaceNormals || what == kUnlitNormals || what == kDerivedTangents)
-        continue;
-      report_.left_out.push_back({std::string(what), record.count, record.source_bytes, 0});
-    }
+    report_.left_out = lost_parts(tables_);
+    add_results(tables_, *writer_, report_);
   }
 
   const ConvertOptions& options_;

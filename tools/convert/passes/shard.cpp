@@ -131,6 +131,12 @@ std::string shard_name(uint64_t index, uint64_t count) {
   return "shard " + std::to_string(index + 1) + " of " + std::to_string(count);
 }
 
+/// Removes the entries of `lists` outside the part.
+void keep(Part part, auto&... lists) {
+  (lists.erase(lists.begin() + static_cast<ptrdiff_t>(part.end), lists.end()), ...);
+  (lists.erase(lists.begin(), lists.begin() + static_cast<ptrdiff_t>(part.first)), ...);
+}
+
 }  // namespace
 
 bool is_shard(const format::Container& container) {
@@ -277,6 +283,45 @@ Part part_of(std::span<const uint64_t> costs, uint32_t index, uint32_t count) {
     before += costs[i];
   }
   return part;
+}
+
+void keep_share(uint32_t index, uint32_t count, ImagePlan& images) {
+  const Part part = part_of(images.costs, index, count);
+  keep(part, images.records, images.sources, images.is_color, images.costs, images.broken, images.hashes);
+}
+
+uint64_t keep_share(uint32_t index, uint32_t count, std::vector<WindowPlan>& windows) {
+  std::vector<uint64_t> costs;
+  for (const WindowPlan& window : windows) costs.push_back(window.count);
+  const Part part = part_of(costs, index, count);
+  uint64_t triangles = 0;
+  for (uint64_t i = part.first;
+       part.first < part.end && i-- > 0 && windows[i].primitive == windows[part.first].primitive;)
+    triangles += windows[i].kept;
+  keep(part, windows);
+  return triangles;
+}
+
+Result<void> append_shard_pages(std::span<const std::byte> plan, const ShardShare& share,
+                                format::ContainerWriter& writer) {
+  const auto append = [&](format::PageKind kind, std::span<const std::byte> from) {
+    return writer.append_raw(kind, from.size(), [from](uint64_t offset, std::span<std::byte> out) {
+      std::copy_n(from.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+      return Result<void>();
+    });
+  };
+  SCREE_TRY(append(kShardPlanPage, plan));
+  SCREE_TRY(append(kShardSharePage, pack_share(share)));
+  return {};
+}
+
+bool is_outcome_of(const WindowOutcome& outcome, const WindowPlan& window, uint32_t mesh) {
+  uint64_t triangles = 0;
+  for (const format::ChunkRecord& chunk : outcome.chunks) {
+    if (chunk.mesh != mesh) return false;
+    triangles += chunk.triangle_count;
+  }
+  return triangles == window.kept && !outcome.chunks.empty();
 }
 
 Result<std::vector<std::byte>> read_page(const ShardFile& shard, uint32_t page) {

@@ -74,6 +74,18 @@ struct Part {
 /// item.
 Part part_of(std::span<const uint64_t> costs, uint32_t index, uint32_t count);
 
+/// Keep only the images, or the windows, of shard `index` of `count`. The second returns how many triangles earlier
+/// shards have of the first kept window's primitive.
+void keep_share(uint32_t index, uint32_t count, ImagePlan& images);
+uint64_t keep_share(uint32_t index, uint32_t count, std::vector<WindowPlan>& windows);
+
+/// Appends the plan and the share of a shard. `plan`: from pack_plan().
+Result<void> append_shard_pages(std::span<const std::byte> plan, const ShardShare& share,
+                                format::ContainerWriter& writer);
+
+/// Whether `outcome` can be the result of `window`, of mesh `mesh`.
+bool is_outcome_of(const WindowOutcome& outcome, const WindowPlan& window, uint32_t mesh);
+
 /// An open shard.
 struct ShardFile {
   runtime::MappedFile map;

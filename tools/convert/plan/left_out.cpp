@@ -152,4 +152,38 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   add("tangents without a direction", facts.encoded.repaired_tangents, 0, 0);
 }
 
+std::vector<std::string> left_out_warnings(const LeftOutFacts& facts) {
+  std::vector<std::string> warnings;
+  const auto warn = [&](uint64_t count, const char* one, const char* many) {
+    if (count > 0)
+      warnings.push_back(facts.scene.file_name + ": " + std::to_string(count) + " " + (count == 1 ? one : many));
+  };
+  warn(facts.undrawn, "primitive that no node draws is left out", "primitives that no node draws are left out");
+  warn(facts.clear, "primitive that its alpha mask hides everywhere is left out",
+       "primitives that their alpha masks hide everywhere are left out");
+  warn(facts.dropped_nonfinite, "triangle with a position that is not finite is left out",
+       "triangles with positions that are not finite are left out");
+  const EncodedFacts& encoded = facts.encoded;
+  warn(encoded.repaired_uvs, "texture coordinate is not finite and became 0",
+       "texture coordinates are not finite and became 0");
+  warn(encoded.repaired_colors, "vertex colour is not finite and became 0",
+       "vertex colours are not finite and became 0");
+  warn(encoded.repaired_normals, "normal is zero or not finite and became +z",
+       "normals are zero or not finite and became +z");
+  warn(encoded.repaired_tangents, "tangent is zero, not finite or parallel to its normal and became arbitrary",
+       "tangents are zero, not finite or parallel to their normal and became arbitrary");
+  return warnings;
+}
+
+std::vector<LeftOut> lost_parts(const format::TableSet& tables) {
+  std::vector<LeftOut> lost;
+  for (const format::LeftOutRecord& record : tables.left_out) {
+    const std::string_view what = tables.strings.bytes().data() + record.what;
+    if (!what.starts_with("duplicate ") && !what.starts_with("unused ") && what != "COLOR_0 (all white)" &&
+        what != kFaceNormals && what != kUnlitNormals && what != kDerivedTangents)
+      lost.push_back({std::string(what), record.count, record.source_bytes, 0});
+  }
+  return lost;
+}
+
 }  // namespace scree::convert

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <set>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "format/container/container.h"
@@ -64,5 +65,11 @@ struct LeftOutFacts {
 
 /// Fills left_out and left_out_costs of `tables`, whose meshes and chunks are complete.
 void add_left_out(const LeftOutFacts& facts, format::TableSet& tables);
+
+/// One line per kind of data that is left out or replaced although it may show in a picture.
+std::vector<std::string> left_out_warnings(const LeftOutFacts& facts);
+
+/// The parts that are lost, from TableSet::left_out. Repeated and unused data, and data that readers derive, are not.
+std::vector<LeftOut> lost_parts(const format::TableSet& tables);
 
 }  // namespace scree::convert

@@ -6,8 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <numeric>
-#include <optional>
-#include <span>
 #include <string>
 #include <unordered_map>
 
@@ -374,6 +372,26 @@ Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, for
     }
   }
   return instances.flush();
+}
+
+std::vector<bool> materials_used(const SourceScene& scene, std::span<const Measured> measured) {
+  std::vector<bool> used(scene.materials.size());
+  for (size_t i = 0; i < scene.primitives.size(); ++i)
+    if (measured[i].triangles != 0 && scene.primitives[i].material != kNone) used[scene.primitives[i].material] = true;
+  return used;
+}
+
+std::optional<std::vector<bool>> materials_known(const SourceScene& scene, const std::vector<bool>& wanted,
+                                                 bool drop_nonfinite) {
+  std::vector<bool> known(scene.materials.size()), possible(scene.materials.size());
+  for (size_t i = 0; i < scene.primitives.size(); ++i) {
+    const Primitive& primitive = scene.primitives[i];
+    if (!wanted[i] || primitive.material == kNone || primitive.triangle_count() == 0) continue;
+    possible[primitive.material] = true;
+    if (primitive.mode == PrimitiveMode::kTriangles && !drop_nonfinite) known[primitive.material] = true;
+  }
+  if (known != possible) return std::nullopt;
+  return known;
 }
 
 MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>& materials_used) {

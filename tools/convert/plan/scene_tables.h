@@ -4,10 +4,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "format/container/container.h"
 #include "format/result.h"
+#include "tools/convert/windows/measure.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
@@ -56,6 +59,14 @@ struct MaterialUse {
   std::vector<uint32_t> textures;
   std::vector<uint32_t> images;
 };
+
+/// Flags for the materials of primitives that keep a triangle. `measured`: by primitive.
+std::vector<bool> materials_used(const SourceScene& scene, std::span<const Measured> measured);
+
+/// The same before measuring, if the document alone determines it: every triangle of a list is kept, unless
+/// `drop_nonfinite` may drop it. `wanted`: by primitive.
+std::optional<std::vector<bool>> materials_known(const SourceScene& scene, const std::vector<bool>& wanted,
+                                                 bool drop_nonfinite);
 
 /// `materials_used`: a flag per entry of SourceScene::materials.
 MaterialUse find_material_use(const SourceScene& scene, const std::vector<bool>& materials_used);
