@@ -1,5 +1,5 @@
 // A glTF document after import: every index, range, stride and count is checked, and buffers are still on disk. Import
-// reads the JSON whole, parses its "buffers" and "images" separately (docs/converting.md, Import), and reads accessors
+// reads the JSON whole, parses its "buffers" and "images" separately (docs/import.md), and reads accessors
 // in windows. It never holds a whole buffer in memory.
 #pragma once
 

@@ -191,7 +191,7 @@ TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_f
   }
   CHECK(read == 114);
   CHECK(refused == 84);
-  CHECK(malformed == 132);  // the others, listed in docs/converting.md, are unusual in a way that affects no pixel
+  CHECK(malformed == 132);  // the others, listed in docs/import.md, are unusual in a way that affects no pixel
 }
 
 TEST_CASE("real files of the same picture decode to equal pictures", "[block_file][models]") {

@@ -23,7 +23,7 @@ struct GlbLayout {
 };
 
 /// Reads the header and chunk headers, of version 2 (glTF 2.0) or 3 (the draft of glTF 2.1: lengths of 64 bits,
-/// docs/converting.md). In a version 2 file above 4 GiB the 32-bit lengths are modulo 2^32. They are accepted if they
+/// docs/import.md). In a version 2 file above 4 GiB the 32-bit lengths are modulo 2^32. They are accepted if they
 /// agree with the file's size and the binary chunk ends with the file. Chunks of other types are skipped. Errors kFile,
 /// kVersion, kTruncated, kTrailing, kFormat, kUnsupported (an encoded chunk).
 Result<GlbLayout> read_glb_layout(const ByteSource& file);

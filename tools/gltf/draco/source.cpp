@@ -56,7 +56,7 @@ class DracoSource final : public ByteSource {
 /// Upper bound of decode_draco()'s memory beside its output for a stream of this size, including the stream.
 uint64_t scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes) {
   // Per triangle: its corners, a table of opposite corners, one of vertices, and one for each kind of seam. Per vertex:
-  // integers, values and indices of every attribute. Measured on grids and scans (docs/converting.md).
+  // integers, values and indices of every attribute. Measured on grids and scans (docs/import.md).
   constexpr uint64_t kTriangleBytes = 96, kVertexBytes = 96, kComponentBytes = 12, kSmallBytes = 64 << 10;
   uint64_t components = primitive.other_components;
   for (const DracoArray& array : primitive.arrays) components += array.components;
