@@ -15,7 +15,7 @@ int32_t number_or_none(uint32_t number) {
   return number == format::kNone ? -1 : static_cast<int32_t>(number);
 }
 
-/// Strings of the file end with a zero.
+/// The strings of the file end with a zero byte, as those of C.
 const char* name_of(const format::Container& container, uint32_t name) {
   return container.string(name).data();
 }

@@ -1,4 +1,4 @@
-// Handles: numbers in the form of pointers, never used twice, and their objects.
+// Handles, which are numbers in the form of pointers and never used twice, and the objects behind them.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,7 @@ struct HeldMemory {
   std::shared_ptr<const void> memory;
 };
 
-/// All handles of one kind, whose low bits are kTag. Thread-safe.
+/// All handles of one kind. The low bits of these handles are kTag. Thread-safe.
 template <class Handle, class Object, uint64_t kTag>
 class Handles {
  public:
@@ -49,7 +49,7 @@ class Handles {
     return reinterpret_cast<Handle*>(number);
   }
 
-  /// Null if the handle was ended or is none.
+  /// Null if the handle was ended, or is no handle of this kind.
   std::shared_ptr<Object> find(const Handle* handle) const {
     const std::shared_lock<std::shared_mutex> lock(mutex_);
     const auto found = objects_.find(reinterpret_cast<uint64_t>(handle));

@@ -1,4 +1,4 @@
-// The types and shapes of a view's layers, for libscree and for the Python package, which shares no other code with it.
+// The types and shapes of a view's layers, for libscree and for the Python package. These share no other code.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ struct LayerKind {
   uint32_t channels;  // 0: the array has no dimension for channels
 };
 
-/// By scree_layer.
+/// Indexed by scree_layer.
 inline constexpr std::array<LayerKind, 8> kLayerKinds{{{SCREE_UINT8, 4},
                                                        {SCREE_FLOAT32, 0},
                                                        {SCREE_INT64, 0},
@@ -24,7 +24,7 @@ inline constexpr std::array<LayerKind, 8> kLayerKinds{{{SCREE_UINT8, 4},
                                                        {SCREE_FLOAT32, 2},
                                                        {SCREE_FLOAT32, 4}}};
 
-/// An array with the type and shape of a layer of a frame, without data. `cameras`: of a batch; 0: not a batch.
+/// An array with the type and shape of a layer of a frame, without data. `cameras`: of a batch; 0: no batch.
 /// `samples`: per side of a pixel.
 inline scree_array array_of(scree_layer layer, uint32_t cameras, uint32_t height, uint32_t width, uint32_t samples) {
   const uint32_t side = layer == SCREE_SAMPLES ? samples : 1;

@@ -21,7 +21,7 @@ scree_camera camera_of(const tools::PathKey& key) {
   return camera;
 }
 
-/// Writes the cameras one after the other, cameras->size bytes each. Writes none if a camera's up is zero.
+/// Writes the cameras one after the other, cameras->size bytes each. Writes no camera if the up of one is zero.
 scree_status give_cameras(const std::string& file, const tools::CameraPath& path, uint64_t first, uint64_t count,
                           scree_camera* cameras) {
   for (uint64_t i = 0; i < count; ++i)

@@ -15,7 +15,7 @@ scree_status fail(scree_status status, std::string_view text) noexcept {
   const size_t bytes = std::min(text.size(), sizeof last_error - 1);
   std::memmove(last_error, text.data(), bytes);
   last_error[bytes] = 0;
-  // Names in the text may have line ends.
+  // Names in the text may contain line ends.
   std::replace_if(
       last_error, last_error + bytes, [](char c) { return (c >= 0 && c < ' ') || c == 0x7f; }, ' ');
   return status;

@@ -1,4 +1,4 @@
-// Structures of the C API. Each begins with its size as the caller was compiled.
+// Structures of the C API. Each begins with its size in the version of scree.h with which the caller was compiled.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace scree::library {
 
-constexpr size_t kMostStructBytes = 4096;  // of any version; a larger size is an uninitialised field
+constexpr size_t kMostStructBytes = 4096;  // in any version; a larger size comes from an uninitialised field
 
-/// Checks that a T of some version of scree may have this size. `name`: the type, for the message.
+/// Checks that a T may have this size in some version of scree. `name`: the type, for the message.
 template <class T>
 scree_status check_size(size_t size, const char* name) {
   static_assert(sizeof(T) >= 2 * sizeof(size_t) && sizeof(T) <= kMostStructBytes && alignof(T) == alignof(size_t));
@@ -39,14 +39,14 @@ scree_status take(const T* in, T& out, const char* name) {
   return SCREE_OK;
 }
 
-/// Checks that `out` can receive a T.
+/// Checks that `out` is not null and that its size is one of a T.
 template <class T>
 scree_status check_output(const T* out, const char* name) {
   if (out == nullptr) return fail(SCREE_ERROR_ARGUMENT, std::string("the ") + name + " to fill in is null");
   return check_size<T>(out->size, name);
 }
 
-/// Copies `value` to `out`, up to the size of `out`, which stays.
+/// Copies `value` to `out`, up to the size of `out`. `out->size` stays the same.
 template <class T>
 void give(T* out, T value) {
   value.size = out->size;

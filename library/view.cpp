@@ -130,7 +130,7 @@ scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_opti
   return SCREE_OK;
 }
 
-/// As ViewRenderer::cast_shadows() takes it. `options`: checked by take_light().
+/// The side of the shadow map, as ViewRenderer::cast_shadows() takes it. `options`: checked by take_light().
 uint32_t shadow_side(const scree_draw_options& options) {
   if ((options.flags & SCREE_SHADOWS) == 0) return 0;
   return options.shadow_size != 0 ? static_cast<uint32_t>(options.shadow_size) : runtime::kShadowSide;
@@ -175,7 +175,7 @@ scree_status take_frame(const runtime::LoadedScene& scene, const scree_draw_opti
   return take_shade(scene, taken, shade);
 }
 
-/// The instance layer has 32-bit ids.
+/// Whether the scene has more instances than the instance layer, with ids of 32 bits, can number.
 bool has_too_many_instances(const runtime::LoadedScene& scene) {
   return scene.scene().view().instance_count > uint64_t{1} << 31;
 }
@@ -222,10 +222,10 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
   });
 }
 
-// Layers of the engine have the numbers of scree_layer.
+// The layers of the engine have the numbers of scree_layer.
 static_assert(kLayerKinds.size() == runtime::kLayerCount);
 
-/// Calls body(renderer, engine's layer) if the view has a frame, for functions that read a layer.
+/// For functions that read a layer: calls body(renderer, the engine's layer) if the view has a frame.
 template <class Body>
 scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
@@ -249,7 +249,7 @@ scree_array describe(const ViewRenderer& renderer, Layer layer, const std::byte*
   return array;
 }
 
-/// The point at `depth` on the ray of pixel (x, y)'s middle sample, in world space.
+/// The point at `depth` on the ray through the middle sample of pixel (x, y), in world space.
 void point_at(const ViewRenderer& renderer, uint32_t x, uint32_t y, double depth, double out[3]) {
   const View& view = renderer.view();
   const uint32_t side = renderer.samples_per_side();

@@ -1,5 +1,5 @@
-// The C++ module of the Python package: scree.hpp with numpy arrays on the CPU and DLPack on the GPU.
-// python/scree/__init__.py is the public interface, python/scree/__init__.pyi has its types.
+// The C++ module of the Python package: it wraps scree.hpp, with numpy arrays on the CPU and DLPack on the GPU.
+// python/scree/__init__.py is the public interface, and python/scree/__init__.pyi has its types.
 #include <pybind11/functional.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -26,14 +26,15 @@ using namespace py::literals;
 
 namespace {
 
-/// Calls `call` without the GIL. It may wait for a view or a GPU in use by another thread, which may need the GIL.
+/// Calls `call` without the GIL. `call` may wait for a view or a GPU that another thread uses, and that thread may need
+/// the GIL.
 template <class Call>
 auto without_gil(const Call& call) {
   const py::gil_scoped_release release;
   return call();
 }
 
-/// Deletes an object without the GIL, on the thread that has the last reference.
+/// Deletes an object without the GIL, on the thread that drops the last reference.
 template <class T>
 void end(T* object) {
   std::optional<py::gil_scoped_release> release;
@@ -79,11 +80,11 @@ struct SharedLayer {
     return gpu < 0 ? std::pair<int, int>{kDlCpu, 0} : std::pair<int, int>{kDlCuda, gpu};
   }
 
-  /// `stream`: numbered as in the array API: None and 1 are the default stream, 2 the calling thread's own, -1 no
-  /// stream, other numbers are a cudaStream_t.
+  /// `stream`: numbered as in the array API: None and 1 are the default stream, 2 is the calling thread's own, -1 is no
+  /// stream, and any other number is a cudaStream_t.
   py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
                      const py::object& copy) const {
-    (void)version;  // newest version that the consumer supports; unversioned capsules work for all
+    (void)version;  // the newest version that the consumer supports; capsules without a version work for all
     if (!copy.is_none() && copy.cast<bool>())
       throw py::buffer_error("a shared layer cannot be a copy: use View.read()");
     if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
@@ -121,7 +122,7 @@ struct SharedLayer {
     shared->managed.context = shared.get();
     shared->managed.deleter = [](DlManagedTensor* managed) { end(static_cast<Shared*>(managed->context)); };
     PyObject* const capsule = PyCapsule_New(&shared.get()->managed, "dltensor", [](PyObject* object) {
-      if (PyCapsule_IsValid(object, "dltensor") == 0) return;  // a consumer took it
+      if (PyCapsule_IsValid(object, "dltensor") == 0) return;  // a consumer has taken it
       auto* const managed = static_cast<DlManagedTensor*>(PyCapsule_GetPointer(object, "dltensor"));
       managed->deleter(managed);
     });
@@ -214,7 +215,7 @@ class Cameras {
   uint32_t count() const { return static_cast<uint32_t>(cameras_.size()); }
 
  private:
-  std::vector<Camera> named_;  // own the names that `cameras_` points to
+  std::vector<Camera> named_;  // have the names to which `cameras_` points
   std::vector<scree_camera> cameras_;
 };
 
@@ -274,7 +275,7 @@ constexpr std::array<Shading, 11> kShading{{
      }},
 }};
 
-/// `shading`: all options except sizes, by name. Throws TypeError for an unknown name or a value of another type,
+/// `shading`: all options except sizes, by name. Throws TypeError for an unknown name or a value of another type, and
 /// ValueError for a size of 0.
 scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
   auto options = scree::make<scree_draw_options>();
@@ -300,13 +301,13 @@ scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t sample
   return options;
 }
 
-/// Progress and warnings of loading and converting.
+/// Receives the progress and the warnings of loading and converting.
 class Heard {
  public:
   /// `progress`: a Python function as a scree_progress, or None.
   explicit Heard(py::object progress) : progress_(std::move(progress)) {}
 
-  /// Calls `call` without the GIL, with `options` that hear. Raises the exception of `progress` again.
+  /// Makes `options` report to this object, and calls `call` without the GIL. Throws an exception of `progress` again.
   template <class Options, class Call>
   void listen(Options& options, const Call& call) {
     options.user = this;
@@ -366,7 +367,7 @@ py::dict stats_of(const scree::Scene& scene) {
                   "light"_a = kLights[stats.light]);
 }
 
-/// All instances as columns.
+/// All instances, an array per column.
 py::dict instances_of(const scree::Scene& scene) {
   const auto count = static_cast<py::ssize_t>(scene.stats().instances);
   py::array_t<int32_t> mesh(count), node(count), material(count);

@@ -10,7 +10,7 @@
  * call leaves its outputs unchanged, unless its description states otherwise. No function ends the process, prints, or
  * throws.
  * If another program cuts an open file short, reading it raises SIGBUS, as with any mapped file. Bytes that another
- * program writes into a loaded file are not checked, and may crash the process: copy a file that others may write to
+ * program writes into a loaded file are not checked, and may crash the process. So copy a file that others may write to
  * before you open it.
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
@@ -18,9 +18,9 @@
  * another thread uses it: the call of that thread is still completed. No call changes the calling thread's current CUDA
  * device.
  *
- * Structures begin with `size`, which the caller sets to sizeof. A later version of the library may have more fields,
- * and takes missing fields as 0. A size below 16, above 4096 or no multiple of 8 belongs to no version, and is refused
- * (SCREE_ERROR_ARGUMENT). In options 0 always means the default. So begin with
+ * Structures begin with `size`, which the caller sets to sizeof. A later version of the library may have more fields.
+ * It treats fields that the caller's version lacks as 0. A size below 16, above 4096 or no multiple of 8 belongs to no
+ * version, and is refused (SCREE_ERROR_ARGUMENT). In options 0 always means the default. So begin with
  *     scree_load_options options = {.size = sizeof options};
  *
  * Pixels go row by row from the top left. World space is glTF's: right-handed, units as in the scene. */
@@ -69,17 +69,17 @@ SCREE_API uint32_t scree_api_version(void);
 /* One line about the calling thread's last call that failed; "" if none has. Valid until its next failing call. */
 SCREE_API const char* scree_error(void);
 
-/* "SCREE_ERROR_FILE" and the like; "SCREE_ERROR_INTERNAL" for a number that is no status. */
+/* The name of a status, such as "SCREE_ERROR_FILE"; "SCREE_ERROR_INTERNAL" for a number that is no status. */
 SCREE_API const char* scree_status_name(scree_status status);
 
 /* Reports the progress of a call: `done` of `total` bytes or objects of `stage`, such as "geometry" or "encode".
- * Returns 0 to go on; any other number ends the call with SCREE_ERROR_CANCELLED. Called by one thread at a time, not
- * always the caller's, some twenty times per second. It may not call the function that it reports about. */
+ * Returns 0 to go on; any other number ends the call with SCREE_ERROR_CANCELLED. One thread at a time calls it, not
+ * always the caller's, some twenty times per second. It must not call the function whose progress it reports. */
 typedef int (*scree_progress)(void* user, const char* stage, uint64_t done, uint64_t total);
 
 /* ---- Files ------------------------------------------------------------------------------------------------------- */
 
-/* Opens a .scree file and checks its records; no geometry is read. 15 ns per record. */
+/* Opens a .scree file and checks its records, which takes 15 ns per record; no geometry is read. */
 SCREE_API scree_status scree_open(const char* path, scree_file** file);
 
 /* Ends a handle. Does nothing for null. */
@@ -149,7 +149,7 @@ SCREE_API scree_status scree_get_camera_info(scree_file* file, uint32_t scene, u
 /* ---- Scenes ------------------------------------------------------------------------------------------------------ */
 
 typedef enum scree_backend {
-  SCREE_BACKEND_AUTO = 0, /* a GPU if one can be used and takes the scene, else the CPU */
+  SCREE_BACKEND_AUTO = 0, /* a GPU if one is usable and can take the scene, else the CPU */
   SCREE_BACKEND_CPU = 1,
   SCREE_BACKEND_CUDA = 2,
   SCREE_BACKEND_32_BITS = 0x7fffffff
@@ -157,7 +157,7 @@ typedef enum scree_backend {
 
 #define SCREE_ALL_GPUS 0xffffffffu
 
-/* The source of the light of textured pictures. Since version 4. */
+/* Where the light of textured pictures comes from. Since version 4. */
 typedef enum scree_light {
   SCREE_LIGHT_AUTO = 0,        /* in options of a load: the environment if a material has more than a base colour, or if
                                   scree_load_options::environment names one; else the camera. In options of a draw: as
@@ -184,13 +184,13 @@ typedef struct scree_load_options {
   const char* gpu;        /* index or UUID; null: the first that can be used */
   uint32_t threads;       /* at most 4096; 0: one per processor */
   uint32_t no_textures;   /* 1: materials have only their colour */
-  uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
+  uint64_t device_memory; /* the most bytes of the GPU's memory for scene and pictures; chunks that do not fit are
                              streamed while frames are drawn. 0: the free memory */
   uint64_t host_memory;   /* the most bytes of pinned host memory, for copies to the GPU, and for chunks and pages of
                              textures that the GPU's memory does not hold. 0: no limit, and such chunks and pages are
                              read from the file */
   uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
-  uint32_t max_width;     /* the largest frames, whose memory device_memory then includes; 0: not included */
+  uint32_t max_width;     /* size of the largest frames, whose memory device_memory then includes; 0: not included */
   uint32_t max_height;
   uint32_t max_samples; /* per pixel and axis: 1, 2 or 4 */
   scree_progress progress;
@@ -200,15 +200,15 @@ typedef struct scree_load_options {
   /* Since version 4: */
   uint64_t texture_memory; /* the most bytes for pages of KTX2, DDS and JPEG textures, which are read when pixels show
                               them; the picture does not depend on it. On the CPU 0 means 2 GiB. On a GPU textures
-                              that together take at most these bytes are loaded whole; with 0 they are loaded whole if
-                              the whole file fits, otherwise pages and geometry share the memory */
-  const char* environment; /* a Radiance picture (.hdr) of all directions, the light of SCREE_LIGHT_ENVIRONMENT, which
-                              it implies. Null: a clear sky */
-  scree_light light;       /* of its pictures, unless a draw names another. The environment is only loaded if it is the
-                              light; otherwise a draw by SCREE_LIGHT_ENVIRONMENT fails */
+                              that together take at most this many bytes are loaded whole; with 0 they are loaded
+                              whole if the whole file fits, otherwise pages and geometry share the memory */
+  const char* environment; /* a Radiance picture (.hdr) of all directions, as the light of SCREE_LIGHT_ENVIRONMENT. A
+                              picture implies this light. Null: a clear sky */
+  scree_light light;       /* the light of pictures, unless a draw names another. The environment is only loaded if it
+                              is this light; otherwise a draw by SCREE_LIGHT_ENVIRONMENT fails */
   scree_reading reading;
-  void (*warning)(void* user, const char* line); /* about the scene, such as a damaged texture; by the caller's thread,
-                                                    at the end */
+  void (*warning)(void* user, const char* line); /* called for each warning about the scene, such as a damaged texture,
+                                                    by the caller's thread, at the end */
   uint64_t max_shadow_size; /* the largest scree_draw_options::shadow_size, whose maps device_memory then includes, at
                                most 16384; 0: not included. Since version 6 */
 } scree_load_options;
@@ -229,7 +229,7 @@ typedef struct scree_scene_stats {
   uint32_t scene; /* its number in the file */
   uint64_t device_bytes;
   double load_ms;       /* geometry, textures, upload */
-  const char* gpu_name; /* stays as long as the handle */
+  const char* gpu_name; /* valid as long as the handle */
   const char* why_cpu;  /* one line: why SCREE_BACKEND_AUTO chose no GPU; "" if a GPU draws, or for other backends */
   /* Since version 4: */
   uint32_t lights;   /* the number of the file's lights that are drawn */
@@ -238,7 +238,7 @@ typedef struct scree_scene_stats {
 
 SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
 
-/* The instance that has an id of the instance layer. */
+/* An instance, by its index: the id in the instance layer. */
 typedef struct scree_instance_info {
   size_t size;
   uint32_t mesh;
@@ -280,7 +280,7 @@ typedef struct scree_camera {
   double view[16];       /* row-major: from world to camera, which looks along -z with y up; no scale */
   double projection[16]; /* row-major: from camera to clip space as in OpenGL (w = -z, depths -1 to 1), perspective or
                             orthographic, around the middle of the picture. A perspective has no far plane here */
-  double z_near;         /* above 0: instead of the projection's near plane, for other ranges of depth */
+  double z_near;         /* above 0: the near plane instead of the projection's, for other ranges of depth */
   double turn_degrees;   /* to the right of the scene's front: 90 is its right, 180 its back. Since version 4 */
   double rise_degrees;   /* above it, -90 to 90. Since version 4 */
   /* Since version 5: */
@@ -303,9 +303,9 @@ typedef struct scree_path_info {
  * frames with the same cameras. `frames_per_second`: instead of the file's, below 1e6; 0: the file's, else 30. `info`:
  * of the whole path, may be null. With a `count` of 0 `cameras` is not read, so that a first call gives the number of
  * frames.
- * cameras[0].size, which the caller sets, is the size of each camera; all else is written. Errors: SCREE_ERROR_FILE,
- * SCREE_ERROR_DATA (no path), SCREE_ERROR_ARGUMENT (frames that the path does not have). Cameras may then be changed,
- * to draw a film in a box (`clips`). Since version 5. */
+ * The caller sets cameras[0].size, which is the size of each camera; all other fields are written. Errors:
+ * SCREE_ERROR_FILE, SCREE_ERROR_DATA (no path), SCREE_ERROR_ARGUMENT (frames that the path does not have). The caller
+ * may then change the cameras, to draw a film in a box (`clips`). Since version 5. */
 SCREE_API scree_status scree_cameras_of_path(const char* file, double frames_per_second, uint64_t first, uint64_t count,
                                              scree_camera* cameras, scree_path_info* info);
 
@@ -314,7 +314,7 @@ typedef enum scree_show {
   SCREE_SHOW_COLOR = 1, /* without textures */
   SCREE_SHOW_UV = 2,    /* texture coordinates */
   SCREE_SHOW_NORMAL = 3,
-  SCREE_SHOW_TRIANGLE = 4, /* this and the next two: a colour for each */
+  SCREE_SHOW_TRIANGLE = 4, /* a colour per triangle; the next two likewise */
   SCREE_SHOW_CLUSTER = 5,
   SCREE_SHOW_MESH = 6,
   SCREE_SHOW_STAGE = 7, /* of the rasteriser */
@@ -328,9 +328,9 @@ enum {
   SCREE_EDL = 4,     /* eye-dome lighting */
   SCREE_NO_BLEND = 8, /* blended surfaces, such as glass, are left out of the colours. Since version 4 */
   SCREE_SHADOWS = 16  /* the file's first directional light casts shadows (docs/materials.md). The view draws maps
-                         of them before the frame, of 8 bytes per sample, and keeps each until a frame needs another. A
-                         batch draws its cameras one after the other. SCREE_ERROR_ARGUMENT if the light is not
-                         SCREE_LIGHT_SCENE, or the file has no directional light. Since version 6 */
+                         of them before the frame, with 8 bytes per sample, and keeps each map until a frame needs
+                         another. A batch draws its cameras one after the other. SCREE_ERROR_ARGUMENT if the light is
+                         not SCREE_LIGHT_SCENE, or the file has no directional light. Since version 6 */
 };
 
 typedef struct scree_draw_options {
@@ -348,27 +348,27 @@ typedef struct scree_draw_options {
   double exposure;       /* stops, -20 to 20; without effect on SCREE_LIGHT_CAMERA */
   scree_light light;     /* SCREE_LIGHT_AUTO: as the scene was loaded */
   uint32_t blend_layers; /* the most layers of blended surfaces behind one another, at most 65535. 0: 16 */
-  uint64_t shadow_size;  /* samples along the longer side of the map of SCREE_SHADOWS, 64 to 16384; a deep view has
-                            four maps of half the side. 0: 4096. Since version 6 */
+  uint64_t shadow_size;  /* samples along the longer side of the map of SCREE_SHADOWS, 64 to 16384; a view far into
+                            the scene has four maps of half the side. 0: 4096. Since version 6 */
 } scree_draw_options;
 
 /* Draws a frame and returns when its samples are drawn. `camera` and `options` may be null. A frame no larger than an
  * earlier one allocates nothing. */
 SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options);
 
-/* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: the layers that are made, one bit
- * each: 1 << SCREE_COLOR and so on, without SCREE_SAMPLES and SCREE_LINEAR. Until the next draw these layers have one
- * more dimension, the first, for the cameras. Such a layer is one block of memory, on the GPU if a GPU draws. Picking
- * is not available then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On
- * the CPU the cameras are shared out among the scene's threads. */
+/* Draws a frame for each of `count` cameras in one call. All frames have the size of `options`. `layers`: the layers
+ * that are made, one bit each, such as 1 << SCREE_COLOR; all except SCREE_SAMPLES and SCREE_LINEAR can be made. Until
+ * the next draw these layers have one more dimension, the first, for the cameras. Such a layer is one block of memory,
+ * on the GPU if a GPU draws. Picking is not available after a batch. Each camera may have a box of its own (`clips`); a
+ * GPU then draws the batch frame by frame. On the CPU the scene's threads share the cameras. */
 SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                                         const scree_draw_options* options, uint32_t layers);
 
-/* Changes the shading of the frame, without drawing it again, by all of `options` except sizes and samples. Fails if
- * chunks are streamed. */
+/* Shades the last frame again, without drawing it, with all of `options` except sizes and samples. Fails if chunks are
+ * streamed. */
 SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
 
-/* A pixel shows its nearest sample, except in colours. */
+/* In all layers except colours a pixel has the value of its nearest sample. */
 typedef enum scree_layer {
   SCREE_COLOR = 0,    /* height x width x 4 uint8: 8-bit sRGB, alpha linear and not premultiplied */
   SCREE_DEPTH = 1,    /* height x width float32: from the eye's plane, in units; infinity on the background */
@@ -404,21 +404,21 @@ typedef struct scree_array {
   int32_t gpu; /* the GPU whose memory holds `data`; -1: host memory */
 } scree_array;
 
-/* A layer of the last frame, made on first request, in memory of the view. It stays until the next scree_draw() or
- * scree_shade() (colours alone) or the end of the view. scree_hold() keeps the memory. */
+/* Returns a layer of the last frame in memory of the view; the first request makes it. The layer stays until the next
+ * scree_draw() or scree_shade() (colours alone) or the end of the view. scree_hold() keeps the memory. */
 SCREE_API scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array);
 
-/* The same in the GPU's memory, without a copy. `stream`: a cudaStream_t of that GPU, which waits until the layer is
+/* Returns it in the GPU's memory, without a copy. `stream`: a cudaStream_t of that GPU, which waits until the layer is
  * written; null: the default stream. SCREE_ERROR_DEVICE if the CPU draws. */
 SCREE_API scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array);
 
 /* Holds the memory of a layer until scree_release(), also beyond the end of the view. `array`: from scree_host_layer()
  * or scree_device_layer(). Later draws write over the memory if their frames fit; larger frames take other memory.
- * SCREE_ERROR_ARGUMENT if the view has drawn to other memory since. */
+ * SCREE_ERROR_ARGUMENT if the view has drawn into other memory since then. */
 SCREE_API scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory);
 SCREE_API scree_status scree_release(scree_memory* memory);
 
-/* Copies a layer to host memory of the caller. `bytes`: the size of `buffer`, which must be the layer's. */
+/* Copies a layer to host memory of the caller. `bytes`: the size of `buffer`, which must be the size of the layer. */
 SCREE_API scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes);
 
 /* A block of the caller's memory for a layer of a batch. Since version 4. */
@@ -430,10 +430,10 @@ typedef struct scree_target {
   uint32_t reserved; /* not read */
 } scree_target;
 
-/* As scree_draw_batch(), but the layers are drawn into `target_count` `targets`, one per layer. The view keeps none.
- * `stream`: a cudaStream_t of the GPU, whose earlier work ends before the drawing begins, and whose later work begins
- * after it; null: the default stream. Not read if the CPU draws. After an error the targets may have any contents.
- * Since version 4. */
+/* As scree_draw_batch(), but the layers are drawn into `target_count` `targets`, one per layer. The view keeps none of
+ * them. `stream`: a cudaStream_t of the GPU; null: the default stream. The stream's earlier work ends before the
+ * drawing begins, and its later work begins after the drawing. Not read if the CPU draws. After an error the targets
+ * may have any contents. Since version 4. */
 SCREE_API scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, uint32_t count,
                                            const scree_draw_options* options, const scree_target* targets,
                                            uint32_t target_count, void* stream);
@@ -461,7 +461,7 @@ typedef struct scree_frame_stats {
   uint32_t height;
   uint32_t samples;
   uint64_t instances; /* after culling; with a streamed scene once for each part of the frame */
-  uint64_t triangles; /* drawn after culling; which clusters are hidden depends on threads and earlier frames */
+  uint64_t triangles; /* drawn after culling; the set of hidden clusters depends on threads and earlier frames */
   uint64_t clusters;
   double draw_ms;          /* the host's clock */
   double gpu_ms;           /* the GPU's clock, for the samples alone; 0: the CPU drew, or chunks were streamed */
@@ -489,7 +489,7 @@ typedef enum scree_textures {
 enum {
   SCREE_CONVERT_INDEXED = 1,         /* [--encoding indexed] chunks of vertices and indices instead of clusters */
   SCREE_CONVERT_FLOAT32 = 2,         /* [--positions float32] positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; else only if not the faces' */
+  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; else not those that equal the faces' */
   SCREE_CONVERT_SOURCE_IDS = 8,      /* [--source-ids] stores every triangle's number in the source */
   SCREE_CONVERT_REPLACE = 16,        /* [--force] replaces an existing output */
   SCREE_CONVERT_KEEP_GOING = 32,     /* [--keep-going] a damaged image becomes grey */
@@ -498,7 +498,7 @@ enum {
   SCREE_CONVERT_NO_WELD = 256,       /* [--no-weld] keeps vertices whose stored data are equal */
   SCREE_CONVERT_NO_SHARE = 512,      /* [--no-share] stores equal meshes, textures and materials several times */
   SCREE_CONVERT_GRID_SCENE = 1024,   /* [--grid scene] meshes with equal world matrices share the finest step */
-  SCREE_CONVERT_BEST = 2048          /* [--clusters best] smaller clusters, many times slower */
+  SCREE_CONVERT_BEST = 2048          /* [--clusters best] smaller files, many times slower */
 };
 
 typedef struct scree_convert_options {
@@ -506,7 +506,7 @@ typedef struct scree_convert_options {
   uint32_t flags;
   uint32_t position_bits;  /* [--positions] per axis, 8 to 24. 0: 16 */
   double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, instead of position_bits */
-  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 1 for pages of textures' blocks alone. -1: no page */
+  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: only pages of textures' blocks, at 1. -1: no page */
   scree_textures textures; /* [--textures] */
   int32_t jpeg_quality;    /* [--textures jpeg:Q] 1 to 100. 0: 90 */
   uint32_t threads;        /* [--threads] 0: one per processor */
@@ -528,8 +528,8 @@ typedef struct scree_convert_report {
   uint64_t warnings;
 } scree_convert_report;
 
-/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree.
- * After an error the disk has no new file. `options` and `report` may be null. */
+/* Packs a .gltf or .glb into a .scree file, in bounded memory. If `output` is null, it is `input` with the extension
+ * .scree. After an error the disk has no new file. `options` and `report` may be null. */
 SCREE_API scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
                                      scree_convert_report* report);
 

@@ -1,5 +1,5 @@
-// scree.h for C++17: handles that end themselves, and errors as exceptions. All functions are inline. scree.h may be
-// used beside it; its comments apply here too.
+// The interface of scree.h for C++17, with handles that end themselves, and errors as exceptions. All functions are
+// inline. The comments of scree.h apply here too, and its functions may be used beside these.
 #pragma once
 
 #include <scree/scree.h>
@@ -61,7 +61,7 @@ inline scree_camera named_camera(const char* name) {
   return camera;
 }
 
-/// All of the scene, from `turn_degrees` to the right of its front and `rise_degrees` above.
+/// A camera that shows all of the scene, from `turn_degrees` to the right of its front and `rise_degrees` above it.
 inline scree_camera around(double turn_degrees, double rise_degrees, const Vec3& up = {0, 1, 0},
                            double fov_degrees = 45) {
   auto camera = make<scree_camera>();
@@ -95,7 +95,7 @@ inline scree_camera clipped(scree_camera camera, const Vec3& box_min, const Vec3
   return camera;
 }
 
-/// The info of a camera's path. `frames_per_second` 0: the file's.
+/// The info of a camera's path. `frames_per_second`: 0 takes the file's.
 inline scree_path_info path_info(const std::string& file, double frames_per_second = 0) {
   auto info = make<scree_path_info>();
   check(scree_cameras_of_path(file.c_str(), frames_per_second, 0, 0, nullptr, &info));
@@ -146,7 +146,7 @@ class View {
     check(scree_device_layer(handle(), layer, stream, &array));
     return array;
   }
-  /// scree_hold(); its last owner releases the memory.
+  /// scree_hold(). The memory is released with the last owner of the result.
   std::shared_ptr<scree_memory> hold(const scree_array& array) const {
     scree_memory* memory = nullptr;
     check(scree_hold(handle(), &array, &memory));
