@@ -20,8 +20,8 @@ inline scree_status check_path(const char* path, const char* name) {
   return fail(SCREE_ERROR_ARGUMENT, std::string(name) + (path == nullptr ? " is null" : " is empty"));
 }
 
-/// The source of an Error. A number out of range is SCREE_ERROR_DATA in the file's data, and SCREE_ERROR_ARGUMENT in the
-/// caller's arguments.
+/// The source of an Error. A number out of range is SCREE_ERROR_DATA in the file's data, and SCREE_ERROR_ARGUMENT in
+/// the caller's arguments.
 enum class Subject { kData, kArguments };
 
 scree_status status_of(ErrorCode code, Subject subject);

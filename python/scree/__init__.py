@@ -1,4 +1,4 @@
-"""Packs glTF scenes of any size into one small, checked file, and draws them exactly: on a GPU, or on the CPU.
+"""Packs glTF scenes of any size into one small, checked file, and draws them exactly, on a GPU or on the CPU.
 
     import scree
 
@@ -7,7 +7,7 @@
     frame = scene.render(1920, 1080, camera=scree.look_at(eye=(40, 30, 60)))
     frame["color"]    # numpy, 1080 x 1920 x 4, uint8
 
-Every error of the library is a `scree.Error`: one line of text, and `status`, the name of its kind.
+Every error of the library is a `scree.Error`, with one line of text and `status`, the name of its kind.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "
 
 
 def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
-    """A camera at `eye` (x, y, z in world units) that looks at `target`. None: the middle of the scene's box.
+    """A camera at `eye` (x, y, z in world units) that looks at `target` (None: the middle of the scene's box).
 
     `up`: the direction that is up in the picture. `fov`: the vertical field of view in degrees, above 0 and below 180.
     """
@@ -42,10 +42,10 @@ def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
 def matrices(view, projection, z_near=0.0) -> Camera:
     """A camera of two row-major 4 x 4 matrices: arrays of float64, or values that numpy converts to such arrays.
 
-    `view`: from world to camera space, where the camera looks along -z with y up. A rotation and a translation, no scale.
+    `view`: from world to camera space, where the camera looks along -z with y up; a rotation and a translation, no scale.
     `projection`: from camera space to OpenGL's clip space (w = -z, depths from -1 to 1), perspective or orthographic,
     around the middle of the picture. `z_near`, if above 0: the near plane in world units, instead of the projection's;
-    for projections with another range of depths. Raises ValueError for arrays of another shape. Draws raise scree.Error
+    for projections with another range of depths. Raises ValueError for arrays of another shape. A draw raises scree.Error
     for matrices that are not such a camera.
     """
     return _scree.matrices(view, projection, z_near)
@@ -56,32 +56,32 @@ def clipped(camera, box_min, box_max) -> Camera:
 
     `camera`: as for View.draw(). `box_min`, `box_max`: the box's smallest and largest corner (x, y, z in world units).
     All layers and picks are as if the scene ended at the box; the camera does not move. In a batch each camera may have
-    a box of its own. Draws raise scree.Error for corners that are not finite or in the wrong order.
+    a box of its own. A draw raises scree.Error for corners that are not finite or in the wrong order.
     """
     return _scree.clipped(camera, tuple(box_min), tuple(box_max))
 
 
 def cameras_of_path(path, *, fps=None, first=0, count=None) -> list[Camera]:
-    """The cameras of `count` frames (None: all) from frame `first` on, of a camera path that `scree view` saved.
+    """The cameras of a camera path that `scree view` saved: of `count` frames (None: all) from frame `first` on.
 
     `scree render --path` draws the same frames with the same cameras. `fps`: frames per second, instead of the file's.
-    Raises scree.Error for a file that is no camera path, and for a `first` behind its end.
+    Raises scree.Error for a file that is no camera path, and for a `first` behind the path's end.
     """
     return _scree.cameras_of_path(os.fspath(path), 0 if fps is None else fps, first, count)
 
 
 def path_info(path, *, fps=None) -> dict:
-    """A dict with a camera path's frames and fps (frames per second). `fps` and errors: as for cameras_of_path()."""
+    """A dict of a camera path: frames (their number) and fps (per second). `fps` and errors: as for cameras_of_path()."""
     return _scree.path_info(os.fspath(path), 0 if fps is None else fps)
 
 
 def open(path) -> File:
-    """Opens a .scree file and checks its records; reads no geometry. Raises scree.Error if it is no .scree file."""
+    """Opens a .scree file and checks its records, but reads no geometry. Raises scree.Error if it is no .scree file."""
     return File(path)
 
 
 class File:
-    """A .scree file. `scenes`, `meshes`, `materials`: a list of dicts each."""
+    """A .scree file. `scenes`, `meshes` and `materials` are lists of dicts."""
 
     def __init__(self, path):
         self.path = os.fspath(path)
@@ -94,7 +94,7 @@ class File:
 
     @property
     def triangles(self) -> int:
-        """Stored triangles of all meshes."""
+        """The number of stored triangles, in all meshes."""
         return self._file.triangles
 
     @property
@@ -104,25 +104,26 @@ class File:
 
     @property
     def scenes(self) -> list[dict]:
-        """name, triangles (drawn), instances, cameras."""
+        """A dict per scene: name, triangles (drawn, of all instances), instances, cameras."""
         return self._file.scenes
 
     @property
     def meshes(self) -> list[dict]:
-        """name, triangles, vertices, box_min, box_max, max_position_error (in the mesh's units), material, has_..."""
+        """A dict per mesh (glTF primitive): name, triangles, vertices, box_min, box_max, max_position_error (in the mesh's
+        own units, as the box), material (-1: the default material), has_uv, has_color, has_normal."""
         return self._file.meshes
 
     @property
     def materials(self) -> list[dict]:
-        """name, base_color (linear RGBA), texture (-1: none), double_sided, unlit."""
+        """A dict per material: name, base_color (linear RGBA), texture (-1: none), double_sided, unlit."""
         return self._file.materials
 
     def cameras(self, scene: int | None = None) -> list[dict]:
-        """The cameras of a scene, a dict each. None: the default scene.
+        """The cameras of a scene (None: the default scene), a dict each.
 
-        name, node_name, camera (its number), orthographic, fov (degrees, vertical; 0 if orthographic), half_height
-        (units; 0 if perspective), z_near and z_far (units; 0: none), and world: float64, 3 x 4, the node's matrix, rows
-        first. Raises scree.Error for a scene that the file lacks.
+        The keys are name, node_name, camera (its number), orthographic, fov (degrees, vertical; 0 if orthographic),
+        half_height (units; 0 if perspective), z_near and z_far (units; 0: none), and world (float64, 3 x 4, row by row:
+        the node's matrix). Raises scree.Error for a scene that the file lacks.
         """
         return self._file.cameras(self.default_scene if scene is None else scene)
 
@@ -136,19 +137,20 @@ class File:
           a part of the picture or of the scene; None: all.
         - `threads`: 0 is one per processor.
         - `textures`: False loads none; materials then have only their base colour.
-        - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
-          drawn. 0: the free memory.
-        - `host_memory`: bytes of pinned host memory, for copies to the GPU, and for chunks and pages of textures that its memory
-          does not hold. 0: no limit, and such chunks and pages are read from the file.
+        - `device_memory`: the most bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames
+          are drawn. 0: the free memory.
+        - `host_memory`: the most bytes of pinned host memory, for copies to the GPU, and for chunks and pages of textures that
+          the GPU's memory does not hold. 0: no limit, and such chunks and pages are read from the file.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose maps `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
         - `texture_memory`: the most bytes for pages of KTX2, DDS and JPEG textures, which are read when pixels show them. On a GPU,
           textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole file fits, else
-          pages get a quarter of the memory.
+          pages and geometry share its memory.
         - `light`: the light of draws that name no other: "camera", "environment", "scene" (the file's own lights), or
           "auto": the environment if materials have more than a base colour, else the camera.
-        - `environment`: a Radiance picture (.hdr) of all directions, which implies `light="environment"`; None: a clear sky.
+        - `environment`: a Radiance picture (.hdr) of all directions, as the light "environment", which it implies. None: a clear
+          sky.
         - `read`: how pages are read for a GPU: "mapped", "buffered", "direct" or "auto".
         - `progress(stage, done, total)` is called now and then; loading stops if it returns False.
 
@@ -163,9 +165,9 @@ class File:
             light=light, read=read, largest_shadows=largest_shadows, warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
-        """load().render(), for a single picture. For several pictures, load the scene once.
+        """Calls load().render(), for a single picture. For several pictures, load the scene once.
 
-        `options` and the returned arrays (height x width by layer): as for Scene.render(). Raises the errors of load() and
+        `options` and the returned arrays (height x width by layer): as for Scene.render(). Raises the errors of load() and of
         Scene.render().
         """
         return self.load().render(width, height, **options)
@@ -184,20 +186,22 @@ class Scene:
 
     @property
     def stats(self) -> dict:
-        """triangles and instances of the scene, box_min and box_max (world units), on_gpu, gpu, gpu_name, why_cpu, streamed,
-        scene (its number), device_bytes, load_ms, lights (of the file), light (the light of draws that name no other)."""
+        """A dict: triangles and instances of the scene, box_min and box_max (world units), on_gpu, gpu, gpu_name, why_cpu,
+        streamed, scene (its number), device_bytes, load_ms, lights (the number of the file's lights), light (that of draws that
+        name no other)."""
         return self._scene.stats
 
     def instances(self) -> dict:
-        """Columns of n instances, by instance id, in new numpy arrays.
+        """A dict of new numpy arrays, each with an element per instance, in the order of instance ids.
 
-        mesh, node and material: n int32, indices in the file (material -1: the default material). first_triangle: n int64,
-        the id of the first triangle. world: n x 3 x 4 float64, from mesh to world, rows first. Raises MemoryError.
+        For n instances they are mesh, node and material (n int32, indices in the file; material -1: the default material),
+        first_triangle (n int64, the id of the first triangle) and world (n x 3 x 4 float64, row by row, from mesh to world).
+        Raises MemoryError.
         """
         return self._scene.instances()
 
     def view(self) -> View:
-        """A new view. Each thread should have its own, and so should each moving camera. Raises scree.Error without memory."""
+        """A new view. Each thread and each moving camera should have its own. Raises scree.Error if memory is short."""
         return View(self._scene.view(), self._scene.stats)
 
     def render(self, width=1920, height=1080, *, layers=("color",), **options) -> dict:
@@ -225,18 +229,18 @@ class View:
         `camera`: look_at(), around(), matrices(), clipped(), a camera of cameras_of_path(), or the name or number of a
         camera of the file; None shows the whole scene. Options of `shading` and their defaults:
         - `show` ("texture"): texture, color, uv, normal, triangle, cluster, mesh, stage or depth.
-        - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False: only surface colours.
+        - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False for surface colours alone.
         - `exposure` (0): stops, -20 to 20; without effect on the light "camera".
         - `blend_layers` (16): the most layers of blended surfaces, such as glass, per sample; 0: none is drawn.
-        - `shadows` (False): whether the file's first directional light casts shadows, only under the light "scene", with a
-          map of `shadow_size` (4096; 64 to 16384) samples along its longer side, or four of half the side if the camera looks
-          far into the scene. The view keeps each map until it needs another.
+        - `shadows` (False): whether the file's first directional light casts shadows, only under the light "scene". A map has
+          `shadow_size` (4096; 64 to 16384) samples along its longer side. If the camera looks far into the scene, four maps of
+          half the side take its place. The view keeps each map until it needs another.
         - `ssao` (False): ambient occlusion.
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
         - `background` (0, 0, 0, 0): linear RGBA.
 
         Raises TypeError for an unknown option or a value of another type, ValueError for an unknown word or a size of 0,
-        scree.Error for numbers out of range, an invalid or missing camera, or a failing GPU.
+        scree.Error for numbers out of range, an invalid or missing camera, or a GPU that fails.
         """
         self._view.draw(width, height, camera, samples, shading)
         return self
@@ -245,8 +249,8 @@ class View:
         """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
 
         `layers`: the layers to make; all except samples and linear can be made. The arrays of read() and share() then
-        have the cameras as an additional first dimension; on a GPU each is one block of its memory. Other arguments and
-        errors: as for draw(). Raises ValueError for no cameras, too.
+        have the cameras as an additional first dimension; on a GPU each array is one block of the GPU's memory.
+        Other arguments and errors: as for draw(). Raises ValueError for no cameras, too.
         """
         self._view.draw_batch(list(cameras), width, height, list(layers), samples, shading)
         return self
@@ -256,10 +260,10 @@ class View:
 
         `targets`: an array for each layer, which is overwritten, such as {"depth": array}; layers as for draw_batch().
         Types and units are as for read(). Shapes begin with the cameras: cameras x height x width for depth, triangle and
-        instance, with a last dimension of 4 for color, 3 for normal, 2 for uv. All arrays have the same width and height,
+        instance, with one more dimension for color (4), normal (3) and uv (2). All arrays have the same width and height,
         which are the size of the frames in pixels. Rows follow each other without gaps, and the memory begins at a
         multiple of 16 bytes, as in new arrays.
-        If the CPU draws, an array is a numpy array or has __dlpack__ (a CPU tensor of torch). If a GPU draws, it has
+        If the CPU draws, an array is a numpy array or has __dlpack__ (such as a CPU tensor of torch). If a GPU draws, it has
         __cuda_array_interface__ or __dlpack__ (torch, cupy, numba) and lies in the memory of that GPU.
         `stream`: a CUDA stream of that GPU as an int, such as torch.cuda.current_stream().cuda_stream. Drawing begins
         after the earlier work of the stream, and later work of the stream begins after drawing. None: the stream that the
@@ -284,40 +288,45 @@ class View:
     def read(self, layer="color"):
         """A copy of a layer of the last frame as a numpy array, rows from the top.
 
-        color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied. depth: float32, from the eye's
-        plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, indices
-        into Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
-        float32, unit length in world space, of the front even where the back is visible, 0 on the background. uv: height x
-        width x 2 float32, the mesh's texture coordinates, 0 if it has none. linear: height x width x 4 float32, the
-        colours in linear light, premultiplied by alpha. If chunks are streamed, normal, uv and linear are missing.
+        - color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied.
+        - depth: height x width float32, from the eye's plane in world units, inf on the background.
+        - triangle: height x width int64 ids, -1 on the background.
+        - instance: height x width int32, indices into Scene.instances(), -1 on the background.
+        - samples: uint64, the visibility buffer, of height * samples x width * samples.
+        - normal: height x width x 3 float32, unit length in world space, of the front even where the back is visible, 0 on
+          the background.
+        - uv: height x width x 2 float32, the mesh's texture coordinates, 0 on the background and if the mesh has none.
+        - linear: height x width x 4 float32, the colours in linear light, premultiplied by alpha.
 
-        Raises ValueError for an unknown layer, scree.Error without a frame or if the batch was drawn without the layer.
+        If chunks are streamed, normal, uv and linear are missing. Raises ValueError for an unknown layer, and scree.Error
+        without a frame or if the batch was drawn without the layer.
         """
         return self._view.read(layer)
 
     def share(self, layer="color") -> SharedLayer:
         """A layer in the memory where it was made, for from_dlpack() of numpy, torch, cupy or jax. No copy is made.
 
-        height x width x channels, of the types and units of read(); a batch has the cameras first. If a GPU draws, the
-        layer lies in its memory, except linear, which is made on the host. The next draw() overwrites the layer. The
-        memory stays valid: a draw() that needs more memory allocates new memory. Raises the errors of read().
+        The shape is height x width x channels, of the types and units of read(); in a batch the cameras are the first
+        dimension. If a GPU draws, the layer lies in its memory, except linear, which is made on the host. The next draw()
+        overwrites the layer. The memory stays valid: a draw() that needs more memory allocates new memory. Raises the errors
+        of read().
         """
         return self._view.share(layer, -1 if layer == "linear" else self._gpu)
 
     def pick(self, x: int, y: int) -> dict | None:
         """A dict about the surface at the middle of a pixel; None on the background.
 
-        mesh, node, node_instance, instance, triangle (its id), mesh_triangle (in the mesh as stored), source_triangle (in
-        the source; -1: not stored), depth (from the eye's plane) and position (x, y, z), both in world units. Raises
-        scree.Error for a pixel outside of the frame, without a frame, and after a batch.
+        The keys are mesh, node, node_instance, instance, triangle (its id), mesh_triangle (its number in the mesh as stored),
+        source_triangle (its number in the source; -1: not stored), depth (from the eye's plane) and position (x, y, z), both in
+        world units. Raises scree.Error for a pixel outside of the frame, without a frame, and after a batch.
         """
         return self._view.pick(x, y)
 
     @property
     def stats(self) -> dict:
-        """The last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
-        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (drawing the maps of
-        shadows; 0 if earlier ones were kept). Raises scree.Error without a frame.
+        """A dict of the last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms,
+        gpu_ms, streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (for the maps of
+        shadows; 0 if earlier maps were kept). Raises scree.Error without a frame.
         """
         return self._view.stats
 
@@ -325,12 +334,13 @@ class View:
 def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.0, encoding="clustered", zstd=0,
             textures="keep", jpeg_quality=90, normals=False, source_ids=False, replace=False, keep_going=False,
             drop_nonfinite=False, allow_outside=False, exclude=None, threads=0, memory=2 << 30, progress=None) -> dict:
-    """Packs a .gltf or .glb into a .scree file, in bounded memory. `output` None: `input` with the extension .scree.
+    """Packs `input`, a .gltf or .glb, into a .scree file, in bounded memory.
 
+    - `output`: the .scree file. None: `input` with the extension .scree.
     - `position_bits`: bits per axis, 8 to 24. `max_error`, if above 0: the largest error per axis in a mesh's own units,
       instead of `position_bits`. `float32`: True keeps positions as they are.
     - `encoding`: "clustered" or "indexed".
-    - `zstd`: level 1 to 22; 0: level 1 for pages of textures' blocks only; -1: no page is compressed.
+    - `zstd`: level 1 to 22. 0: only pages of textures' blocks are compressed, at level 1. -1: no page is compressed.
     - `textures`: "keep", "raw" or "jpeg". `jpeg_quality`: 1 to 100, for "jpeg".
     - `normals`: True stores all normals, False leaves out normals that equal the faces'.
     - `source_ids`: True stores each triangle's number in the source.
@@ -341,7 +351,7 @@ def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.
     - `threads`: 0 is one per processor. `memory`: bytes that the process may take. `progress`: as for File.load().
 
     Returns a dict with input_bytes, output_bytes, triangles, meshes, position_error (the largest found, per axis in a
-    mesh's own units), seconds and warnings. Raises scree.Error, and then leaves no output.
+    mesh's own units), seconds and warnings. Raises scree.Error, and then leaves no new file.
     """
     return _scree.convert(
         os.fspath(input), None if output is None else os.fspath(output), position_bits=position_bits, float32=float32,
