@@ -7,28 +7,14 @@
 
 #include <scree/scree.h>
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
 #include <string>
+
+#include "words.h"
 
 namespace scree_python {
 
 namespace py = pybind11;
-
-constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
-                                             "samples", "normal", "uv",       "linear"};
-
-/// The index of a word. Throws ValueError, with a list of the words, for another word. `what`: the argument's name.
-template <size_t kCount>
-int number_of(const std::array<const char*, kCount>& words, const std::string& word, const char* what) {
-  std::string all;
-  for (size_t i = 0; i < kCount; ++i) {
-    if (word == words[i]) return static_cast<int>(i);
-    all += (i == 0 ? "" : ", ") + std::string(words[i]);
-  }
-  throw py::value_error(std::string(what) + ": '" + word + "' is not one of " + all);
-}
 
 inline scree_layer layer_of(const std::string& word) {
   return static_cast<scree_layer>(number_of(kLayers, word, "layer"));

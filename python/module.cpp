@@ -16,31 +16,19 @@
 #include <utility>
 #include <vector>
 
+#include "cameras.h"
 #include "dlpack.h"
+#include "gil.h"
 #include "layers.h"
 #include "library/layers.h"
+#include "records.h"
 #include "targets.h"
+#include "words.h"
 
 using namespace scree_python;
 using namespace py::literals;
 
 namespace {
-
-/// Calls `call` without the GIL. `call` may wait for a view or a GPU that another thread uses, and that thread may need
-/// the GIL.
-template <class Call>
-auto without_gil(const Call& call) {
-  const py::gil_scoped_release release;
-  return call();
-}
-
-/// Deletes an object without the GIL, on the thread that drops the last reference.
-template <class T>
-void end(T* object) {
-  std::optional<py::gil_scoped_release> release;
-  if (Py_IsInitialized() != 0 && PyGILState_Check() != 0) release.emplace();
-  delete object;
-}
 
 DlDataType dl_type(scree_type type) {
   if (type == SCREE_UINT8) return {1, 8, 1};
@@ -131,100 +119,6 @@ struct SharedLayer {
     return py::reinterpret_steal<py::capsule>(capsule);
   }
 };
-
-/// A camera and the memory of its name.
-struct Camera {
-  scree_camera camera = scree::make<scree_camera>();
-  std::string name;
-
-  const scree_camera& get() {
-    camera.name = name.empty() ? nullptr : name.c_str();
-    return camera;
-  }
-};
-
-Camera look_at(const scree::Vec3& eye, const std::optional<scree::Vec3>& target, const scree::Vec3& up, double fov) {
-  Camera out;
-  out.camera = scree::look_at(eye, target.value_or(scree::Vec3{}), up, fov);
-  out.camera.look_at_box = target ? 0 : 1;
-  return out;
-}
-
-Camera around(double turn, double rise, const scree::Vec3& up, double fov) {
-  Camera out;
-  out.camera = scree::around(turn, rise, up, fov);
-  return out;
-}
-
-using Matrix = py::array_t<double, py::array::c_style | py::array::forcecast>;
-
-Camera matrices(const Matrix& view, const Matrix& projection, double z_near) {
-  Camera out;
-  out.camera.kind = SCREE_CAMERA_MATRICES;
-  for (const auto& [from, to] : {std::pair(&view, out.camera.view), std::pair(&projection, out.camera.projection)}) {
-    if (from->ndim() != 2 || from->shape(0) != 4 || from->shape(1) != 4)
-      throw py::value_error("a camera's matrices are 4 x 4");
-    std::copy(from->data(), from->data() + 16, to);
-  }
-  out.camera.z_near = z_near;
-  return out;
-}
-
-/// None, a Camera, or the name or number of a camera of the file.
-Camera camera_of(const py::object& given) {
-  Camera camera;
-  if (given.is_none()) return camera;
-  if (py::isinstance<Camera>(given)) return given.cast<Camera>();
-  camera.name = py::str(given).cast<std::string>();
-  camera.camera.kind = SCREE_CAMERA_NAMED;
-  return camera;
-}
-
-Camera clipped(const py::object& camera, const scree::Vec3& box_min, const scree::Vec3& box_max) {
-  Camera out = camera_of(camera);
-  out.camera = scree::clipped(out.camera, box_min, box_max);
-  return out;
-}
-
-std::vector<Camera> cameras_of_path(const std::string& file, double fps, uint64_t first,
-                                    std::optional<uint64_t> count) {
-  const std::vector<scree_camera> cameras =
-      without_gil([&] { return scree::cameras_of_path(file, fps, first, count.value_or(UINT64_MAX)); });
-  std::vector<Camera> out(cameras.size());
-  for (size_t i = 0; i < cameras.size(); ++i) out[i].camera = cameras[i];
-  return out;
-}
-
-py::dict path_info(const std::string& file, double fps) {
-  const scree_path_info info = without_gil([&] { return scree::path_info(file, fps); });
-  return py::dict("frames"_a = info.frames, "fps"_a = info.frames_per_second);
-}
-
-/// The cameras of a batch, one after the other in memory.
-class Cameras {
- public:
-  explicit Cameras(const std::vector<py::object>& given) {
-    if (given.empty()) throw py::value_error("a batch needs at least one camera");
-    for (const py::object& camera : given) named_.push_back(camera_of(camera));
-    for (Camera& camera : named_) cameras_.push_back(camera.get());
-  }
-  Cameras(const Cameras&) = delete;
-  Cameras& operator=(const Cameras&) = delete;
-
-  const scree_camera* data() const { return cameras_.data(); }
-  uint32_t count() const { return static_cast<uint32_t>(cameras_.size()); }
-
- private:
-  std::vector<Camera> named_;  // have the names to which `cameras_` points
-  std::vector<scree_camera> cameras_;
-};
-
-constexpr std::array<const char*, 9> kShows{"texture", "color", "uv",    "normal", "triangle",
-                                            "cluster", "mesh",  "stage", "depth"};
-constexpr std::array<const char*, 4> kLights{"auto", "camera", "environment", "scene"};
-constexpr std::array<const char*, 4> kReadings{"auto", "mapped", "buffered", "direct"};
-constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
-constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
 
 /// An option of shading and its name in Python.
 struct Shading {
@@ -342,106 +236,6 @@ class Heard {
   std::vector<std::string> warnings_;
 };
 
-template <class T, size_t kSize>
-std::array<T, kSize> array_of(const T (&values)[kSize]) {
-  std::array<T, kSize> out{};
-  std::copy(values, values + kSize, out.begin());
-  return out;
-}
-
-/// A list of `count` records.
-template <class Record>
-std::vector<py::dict> listed(uint32_t count, const Record& record) {
-  std::vector<py::dict> out;
-  for (uint32_t i = 0; i < count; ++i) out.push_back(record(i));
-  return out;
-}
-
-py::dict stats_of(const scree::Scene& scene) {
-  const scree_scene_stats stats = scene.stats();
-  return py::dict("triangles"_a = stats.triangles, "instances"_a = stats.instances,
-                  "box_min"_a = array_of(stats.box_min), "box_max"_a = array_of(stats.box_max),
-                  "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
-                  "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
-                  "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms, "lights"_a = stats.lights,
-                  "light"_a = kLights[stats.light]);
-}
-
-/// All instances, an array per column.
-py::dict instances_of(const scree::Scene& scene) {
-  const auto count = static_cast<py::ssize_t>(scene.stats().instances);
-  py::array_t<int32_t> mesh(count), node(count), material(count);
-  py::array_t<int64_t> first(count);
-  py::array_t<double> world(std::vector<py::ssize_t>{count, 3, 4});
-  for (py::ssize_t i = 0; i < count; ++i) {
-    const scree_instance_info info = scene.instance(static_cast<uint64_t>(i));
-    mesh.mutable_at(i) = static_cast<int32_t>(info.mesh);
-    node.mutable_at(i) = static_cast<int32_t>(info.node);
-    material.mutable_at(i) = info.material;
-    first.mutable_at(i) = static_cast<int64_t>(info.first_triangle);
-    std::copy(info.world, info.world + 12, world.mutable_data(i, 0, 0));
-  }
-  return py::dict("mesh"_a = mesh, "node"_a = node, "material"_a = material, "first_triangle"_a = first,
-                  "world"_a = world);
-}
-
-py::object pick_of(const scree::View& view, uint32_t x, uint32_t y) {
-  const scree_pick_info info = without_gil([&] { return view.pick(x, y); });
-  if (info.hit == 0) return py::none();
-  return py::dict("mesh"_a = info.mesh, "node"_a = info.node, "node_instance"_a = info.node_instance,
-                  "instance"_a = info.instance, "triangle"_a = info.triangle, "mesh_triangle"_a = info.mesh_triangle,
-                  "source_triangle"_a = info.source_triangle, "depth"_a = info.depth,
-                  "position"_a = array_of(info.position));
-}
-
-py::dict stats_of(const scree::View& view) {
-  const scree_frame_stats stats = without_gil([&] { return view.stats(); });
-  return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
-                  "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
-                  "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
-                  "cameras"_a = stats.cameras, "blended_layers"_a = stats.blended_layers,
-                  "samples_with_more_layers"_a = stats.samples_with_more_layers, "shadow_ms"_a = stats.shadow_ms);
-}
-
-std::vector<py::dict> scenes_of(const scree::File& file) {
-  return listed(file.info().scenes, [&](uint32_t i) {
-    const scree_scene_info info = file.scene(i);
-    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "instances"_a = info.instances,
-                    "cameras"_a = info.cameras);
-  });
-}
-
-std::vector<py::dict> meshes_of(const scree::File& file) {
-  return listed(file.info().meshes, [&](uint32_t i) {
-    const scree_mesh_info info = file.mesh(i);
-    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "vertices"_a = info.vertices,
-                    "box_min"_a = array_of(info.box_min), "box_max"_a = array_of(info.box_max),
-                    "max_position_error"_a = info.max_position_error, "material"_a = info.material,
-                    "has_uv"_a = (info.attributes & 1) != 0, "has_color"_a = (info.attributes & 2) != 0,
-                    "has_normal"_a = (info.attributes & 4) != 0);
-  });
-}
-
-std::vector<py::dict> materials_of(const scree::File& file) {
-  return listed(file.info().materials, [&](uint32_t i) {
-    const scree_material_info info = file.material(i);
-    return py::dict("name"_a = info.name, "base_color"_a = array_of(info.base_color), "texture"_a = info.texture,
-                    "double_sided"_a = (info.flags & 1) != 0, "unlit"_a = (info.flags & 2) != 0);
-  });
-}
-
-std::vector<py::dict> cameras_of(const scree::File& file, uint32_t scene) {
-  return listed(file.scene(scene).cameras, [&](uint32_t i) {
-    const scree_camera_info info = file.camera(scene, i);
-    py::array_t<double> world(std::vector<py::ssize_t>{3, 4});
-    std::copy(info.world, info.world + 12, world.mutable_data());
-    return py::dict("name"_a = info.name, "node_name"_a = info.node_name, "camera"_a = info.camera,
-                    "orthographic"_a = info.orthographic != 0, "fov"_a = info.fov_degrees,
-                    "half_height"_a = info.half_height, "z_near"_a = info.z_near, "z_far"_a = info.z_far,
-                    "world"_a = world);
-  });
-}
-
 std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<std::string>& scene,
                                    const std::string& backend, const std::optional<std::string>& gpu, uint32_t threads,
                                    bool textures, uint64_t device_memory, uint64_t host_memory, uint64_t texture_cache,
@@ -530,13 +324,7 @@ PYBIND11_MODULE(_scree, module) {
   });
   module.attr("__version__") = scree_version();
 
-  py::class_<Camera>(module, "Camera", "A camera of look_at(), around(), matrices(), clipped() or cameras_of_path().");
-  module.def("look_at", &look_at, "eye"_a, "target"_a = py::none(), "up"_a = scree::Vec3{0, 1, 0}, "fov"_a = 45.0);
-  module.def("around", &around, "turn"_a, "rise"_a, "up"_a, "fov"_a);
-  module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
-  module.def("clipped", &clipped, "camera"_a, "box_min"_a, "box_max"_a);
-  module.def("cameras_of_path", &cameras_of_path, "path"_a, "fps"_a, "first"_a, "count"_a);
-  module.def("path_info", &path_info, "path"_a, "fps"_a);
+  add_cameras(module);
 
   py::class_<SharedLayer>(module, "SharedLayer",
                           "A layer of View.share(), for from_dlpack() of numpy, torch, cupy or jax: height x width x "
