@@ -16,9 +16,12 @@ scree_status translate(const scree_convert_options& in, convert::ConvertOptions&
   const auto has = [&](uint32_t flag) { return (in.flags & flag) != 0; };
   if ((in.flags & ~kAllFlags) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_convert_options::flags has unknown flags: " + std::to_string(in.flags));
-  if (in.textures > SCREE_TEXTURES_JPEG)
+  if (const scree_status checked = check_value(in.textures, SCREE_TEXTURES_JPEG, "scree_convert_options::textures");
+      checked != SCREE_OK)
+    return checked;
+  if (in.zstd_level < -1 || in.zstd_level > 22)
     return fail(SCREE_ERROR_ARGUMENT,
-                "scree_convert_options::textures is " + std::to_string(in.textures) + ", at most 2");
+                "scree_convert_options::zstd_level is " + std::to_string(in.zstd_level) + ", expected -1 to 22");
   if (in.jpeg_quality < 0 || in.jpeg_quality > 100)
     return fail(SCREE_ERROR_ARGUMENT, "scree_convert_options::jpeg_quality is " + std::to_string(in.jpeg_quality) +
                                           ", expected 1 to 100, or 0 for 90");
@@ -65,7 +68,10 @@ extern "C" scree_status scree_convert(const char* input, const char* output, con
     convert::ConvertOptions convert_options;
     if (const scree_status checked = translate(taken, convert_options); checked != SCREE_OK) return checked;
     convert_options.input = input;
-    if (output != nullptr) convert_options.output = output;
+    if (output != nullptr) {
+      if (const scree_status checked = check_path(output, "scree_convert: output"); checked != SCREE_OK) return checked;
+      convert_options.output = output;
+    }
     std::atomic<bool> stop{false};
     convert_options.stop = &stop;
     if (taken.progress != nullptr)

@@ -59,10 +59,11 @@ extern "C" scree_status scree_cameras_of_path(const char* file, double frames_pe
         file, frames_per_second > 0 ? std::optional<double>(frames_per_second) : std::nullopt);
     if (!path) return fail(path.error(), Subject::kData);
     const uint64_t frames = path->frame_count();
-    if (first > frames || count > frames - first)
-      return fail(SCREE_ERROR_ARGUMENT, std::string(file) + ": has " + std::to_string(frames) + " frames, but " +
-                                            std::to_string(count) + " from frame " + std::to_string(first) +
-                                            " on are wanted");
+    const std::string has = std::string(file) + ": has " + std::to_string(frames) + " frames, but ";
+    if (first > frames) return fail(SCREE_ERROR_ARGUMENT, has + "frame " + std::to_string(first) + " is wanted");
+    if (count > frames - first)
+      return fail(SCREE_ERROR_ARGUMENT,
+                  has + std::to_string(count) + " from frame " + std::to_string(first) + " on are wanted");
     if (count != 0)
       if (const scree_status given = give_cameras(file, *path, first, count, cameras); given != SCREE_OK) return given;
     scree_path_info out{};

@@ -21,6 +21,9 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   if (options.threads > kMostThreads)
     return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::threads is " + std::to_string(options.threads) +
                                           ", at most " + std::to_string(kMostThreads));
+  if (const scree_status checked = check_value(options.backend, SCREE_BACKEND_CUDA, "scree_load_options::backend");
+      checked != SCREE_OK)
+    return checked;
   switch (options.backend) {
     case SCREE_BACKEND_AUTO:
       out.on = options.gpu != nullptr || options.gpus > 1 ? runtime::DrawOn::kGpu : runtime::DrawOn::kAuto;
@@ -33,9 +36,8 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
     case SCREE_BACKEND_CUDA:
       out.on = runtime::DrawOn::kGpu;
       break;
-    default:
-      return fail(SCREE_ERROR_ARGUMENT,
-                  "scree_load_options::backend is " + std::to_string(options.backend) + ", at most 2");
+    case SCREE_BACKEND_32_BITS:
+      break;
   }
   if (options.scene != nullptr) out.scene = options.scene;
   if (options.gpu != nullptr) out.gpu = options.gpu;
@@ -50,8 +52,9 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.textures = options.no_textures == 0;
   out.texture_cache = options.texture_cache;
   out.texture_memory = options.texture_memory;
-  if (options.light > SCREE_LIGHT_SCENE)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::light is " + std::to_string(options.light) + ", at most 3");
+  if (const scree_status checked = check_value(options.light, SCREE_LIGHT_SCENE, "scree_load_options::light");
+      checked != SCREE_OK)
+    return checked;
   out.lighting = static_cast<kernels::Lighting>(options.light);
   if (options.environment != nullptr && *options.environment != 0) {
     out.environment = options.environment;
@@ -60,9 +63,9 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
                   "scree_load_options::environment is for SCREE_LIGHT_ENVIRONMENT, but light is another");
     out.lighting = kernels::Lighting::kEnvironment;
   }
-  if (options.reading > SCREE_READ_DIRECT)
-    return fail(SCREE_ERROR_ARGUMENT,
-                "scree_load_options::reading is " + std::to_string(options.reading) + ", at most 3");
+  if (const scree_status checked = check_value(options.reading, SCREE_READ_DIRECT, "scree_load_options::reading");
+      checked != SCREE_OK)
+    return checked;
   constexpr runtime::Reading kReadings[] = {runtime::Reading::kAuto, runtime::Reading::kMapped,
                                             runtime::Reading::kBuffered, runtime::Reading::kDirect};
   out.reading = kReadings[options.reading];

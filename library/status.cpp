@@ -12,7 +12,9 @@ thread_local char last_error[2048] = "";
 }  // namespace
 
 scree_status fail(scree_status status, std::string_view text) noexcept {
-  const size_t bytes = std::min(text.size(), sizeof last_error - 1);
+  size_t bytes = std::min(text.size(), sizeof last_error - 1);
+  // A cut text ends with a whole character of UTF-8.
+  for (int i = 0; i < 3 && bytes > 0 && bytes < text.size() && (text[bytes] & 0xc0) == 0x80; ++i) --bytes;
   std::memmove(last_error, text.data(), bytes);
   last_error[bytes] = 0;
   // Names in the text may contain line ends.

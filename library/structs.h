@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <string>
 
@@ -37,6 +38,17 @@ scree_status take(const T* in, T& out, const char* name) {
   }
   std::memcpy(&out, in, std::min(in->size, sizeof(T)));
   return SCREE_OK;
+}
+
+/// Checks a field of an enum whose values are 0 to `most`. A caller may store any integer in it, so it must not be read
+/// as an enum before.
+template <class Enum>
+scree_status check_value(const Enum& value, Enum most, const char* field) {
+  int32_t number;
+  std::memcpy(&number, &value, sizeof number);
+  if (number >= 0 && number <= static_cast<int32_t>(most)) return SCREE_OK;
+  return fail(SCREE_ERROR_ARGUMENT,
+              std::string(field) + " is " + std::to_string(number) + ", expected 0 to " + std::to_string(most));
 }
 
 /// Checks that `out` is not null and that its size is one of a T.

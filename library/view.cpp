@@ -40,6 +40,9 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
     return fail(SCREE_ERROR_ARGUMENT, "scree_camera: eye, target or up is not finite");
   if (camera.up[0] != 0 || camera.up[1] != 0 || camera.up[2] != 0) options.up = vector_of(camera.up);
   Result<View> view = View{};
+  if (const scree_status checked = check_value(camera.kind, SCREE_CAMERA_AROUND, "scree_camera::kind");
+      checked != SCREE_OK)
+    return checked;
   switch (camera.kind) {
     case SCREE_CAMERA_DEFAULT:
       break;
@@ -70,8 +73,8 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
       options.turn_degrees = camera.turn_degrees;
       options.rise_degrees = camera.rise_degrees;
       break;
-    default:
-      return fail(SCREE_ERROR_ARGUMENT, "scree_camera::kind is " + std::to_string(camera.kind) + ", at most 4");
+    case SCREE_CAMERA_32_BITS:
+      break;
   }
   view = scene.view(options);
   if (!view) return fail(view.error(), Subject::kArguments);
@@ -98,8 +101,9 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
 /// Checks and translates the light of a picture and its blended layers.
 scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
-  if (options.light > SCREE_LIGHT_SCENE)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::light is " + std::to_string(options.light) + ", at most 3");
+  if (const scree_status checked = check_value(options.light, SCREE_LIGHT_SCENE, "scree_draw_options::light");
+      checked != SCREE_OK)
+    return checked;
   if (options.light != SCREE_LIGHT_AUTO && (options.flags & SCREE_NO_LIGHT) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: light and SCREE_NO_LIGHT exclude each other");
   if (options.light == SCREE_LIGHT_ENVIRONMENT && scene.scene().view().environment == nullptr)
@@ -138,12 +142,17 @@ uint32_t shadow_side(const scree_draw_options& options) {
 
 scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
-  if (options.show > SCREE_SHOW_DEPTH)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::show is " + std::to_string(options.show) + ", at most 8");
+  if (const scree_status checked = check_value(options.show, SCREE_SHOW_DEPTH, "scree_draw_options::show");
+      checked != SCREE_OK)
+    return checked;
   if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL | SCREE_NO_BLEND | SCREE_SHADOWS}) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags has unknown flags: " + std::to_string(options.flags));
-  if (!(options.edl_strength >= 0 && options.edl_strength <= 100) || options.edl_radius > 64)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: edl_strength is at most 100 and edl_radius at most 64");
+  if (!(options.edl_strength >= 0 && options.edl_strength <= 100))
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::edl_strength is " + std::to_string(options.edl_strength) + ", expected 0 to 100");
+  if (options.edl_radius > 64)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::edl_radius is " + std::to_string(options.edl_radius) + ", at most 64");
   shade.show = static_cast<kernels::Show>(options.show);
   shade.light = (options.flags & SCREE_NO_LIGHT) == 0;
   shade.ssao = (options.flags & SCREE_SSAO) != 0;

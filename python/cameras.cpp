@@ -17,7 +17,7 @@ Camera camera_of(const py::object& given) {
   Camera camera;
   if (given.is_none()) return camera;
   if (py::isinstance<Camera>(given)) return given.cast<Camera>();
-  camera.name = py::str(given).cast<std::string>();
+  camera.name = py::isinstance<py::bytes>(given) ? given.cast<std::string>() : py::str(given).cast<std::string>();
   camera.camera.kind = SCREE_CAMERA_NAMED;
   return camera;
 }

@@ -25,7 +25,7 @@ struct Camera {
   }
 };
 
-/// None, a Camera, or the name or number of a camera of the file.
+/// None, a Camera, or the name (as bytes too) or number of a camera of the file.
 Camera camera_of(const py::object& given);
 
 /// The cameras of a batch, one after the other in memory.

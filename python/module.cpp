@@ -53,7 +53,7 @@ py::array read(const scree::View& view, scree_layer layer) {
   py::array out(numpy_type(array.type), shape_of(array));
   void* const data = out.mutable_data();
   const auto bytes = static_cast<uint64_t>(out.nbytes());
-  const py::gil_scoped_release release;
+  const WithoutGil release;
   view.read(layer, data, bytes);
   return out;
 }
@@ -73,21 +73,21 @@ struct SharedLayer {
   py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
                      const py::object& copy) const {
     (void)version;  // the newest version that the consumer supports; capsules without a version work for all
-    if (!copy.is_none() && copy.cast<bool>())
+    if (!copy.is_none() && PyObject_IsTrue(copy.ptr()) == 1)
       throw py::buffer_error("a shared layer cannot be a copy: use View.read()");
-    if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
+    if (!wanted.is_none() && !wanted.equal(py::make_tuple(device().first, device().second)))
       throw py::buffer_error("the layer lies on another device than dl_device");
     scree_array array;
     std::shared_ptr<scree_memory> memory;
     if (gpu < 0) {
-      const py::gil_scoped_release release;
+      const WithoutGil release;
       array = view->host_layer(layer);
       memory = view->hold(array);
     } else {
       const int64_t number = stream.is_none() ? 1 : stream.cast<int64_t>();
       if (number == 0 || number < -1) throw py::value_error("stream: expected None, -1, 1, 2 or a cudaStream_t");
       void* const waits = number <= 1 ? nullptr : reinterpret_cast<void*>(number);
-      const py::gil_scoped_release release;
+      const WithoutGil release;
       array = view->device_layer(layer, waits);
       memory = view->hold(array);
     }
@@ -170,7 +170,7 @@ constexpr std::array<Shading, 11> kShading{{
 }};
 
 /// `shading`: all options except sizes, by name. Throws TypeError for an unknown name or a value of another type, and
-/// ValueError for a size of 0.
+/// ValueError for a size of 0, or for another number that C takes as the default.
 scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
   auto options = scree::make<scree_draw_options>();
   options.width = width;
@@ -192,6 +192,12 @@ scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t sample
       throw py::type_error(name + ": " + py::repr(value).cast<std::string>() + " is of another type, or out of range");
     }
   }
+  // In C these mean the default.
+  if (shading.contains("edl_strength") && options.edl_strength == 0) options.flags &= ~uint32_t{SCREE_EDL};
+  if (shading.contains("edl_radius") && options.edl_radius == 0)
+    throw py::value_error("edl_radius: 0, expected 1 to 64");
+  if (shading.contains("shadow_size") && options.shadow_size == 0)
+    throw py::value_error("shadow_size: 0, expected 64 to 16384");
   return options;
 }
 
@@ -220,10 +226,14 @@ class Heard {
  private:
   static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
     auto& heard = *static_cast<Heard*>(user);
-    const py::gil_scoped_acquire acquire;
+    const WithGil acquire;
     try {
-      const py::object answer = heard.progress_(stage, done, total);
-      return !answer.is_none() && !answer.cast<bool>() ? 1 : 0;
+      const py::object answer = heard.progress_(text_of(stage), done, total);
+      const int is_true = answer.is_none() ? 1 : PyObject_IsTrue(answer.ptr());
+      if (is_true < 0) throw py::error_already_set();
+      return is_true == 0 ? 1 : 0;
+    } catch (const abi::__forced_unwind&) {  // the interpreter has ended
+      sleep_forever();
     } catch (...) {
       heard.raised_ = std::current_exception();
       return 1;
@@ -266,7 +276,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   heard.listen(options, [&] {
     loaded = std::shared_ptr<scree::Scene>(new scree::Scene(file.handle(), options), &end<scree::Scene>);
   });
-  for (const std::string& line : heard.warnings()) warnings.append(line);
+  for (const std::string& line : heard.warnings()) warnings.append(text_of(line));
   return loaded;
 }
 
@@ -297,10 +307,11 @@ py::dict convert(const std::string& input, const std::optional<std::string>& out
   Heard heard(progress);
   scree_convert_report report{};
   heard.listen(options, [&] { report = scree::convert(input, output.value_or(""), options); });
+  py::list warnings;
+  for (const std::string& line : heard.warnings()) warnings.append(text_of(line));
   return py::dict("input_bytes"_a = report.input_bytes, "output_bytes"_a = report.output_bytes,
                   "triangles"_a = report.triangles, "meshes"_a = report.meshes,
-                  "position_error"_a = report.position_error, "seconds"_a = report.seconds,
-                  "warnings"_a = heard.warnings());
+                  "position_error"_a = report.position_error, "seconds"_a = report.seconds, "warnings"_a = warnings);
 }
 
 PyObject* error_class = nullptr;  // lives as long as the interpreter
@@ -317,12 +328,14 @@ PYBIND11_MODULE(_scree, module) {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const scree::Error& error) {
       const py::object type = py::reinterpret_borrow<py::object>(error_class);
-      const py::object value = type(error.what());
+      const py::object value = type(text_of(error.what()));
       value.attr("status") = scree_status_name(error.status());
       PyErr_SetObject(error_class, value.ptr());
     }
   });
   module.attr("__version__") = scree_version();
+  // Loads numpy. pybind11 would do this at its first use, under a lock that other threads then await with the GIL held.
+  (void)py::detail::npy_api::get();
 
   add_cameras(module);
 
@@ -351,7 +364,7 @@ PYBIND11_MODULE(_scree, module) {
              const py::dict& shading) {
             Camera seen = camera_of(camera);
             const scree_draw_options options = draw_options(width, height, samples, shading);
-            const py::gil_scoped_release release;
+            const WithoutGil release;
             view.draw(seen.get(), options);
           },
           "width"_a, "height"_a, "camera"_a, "samples"_a, "shading"_a)
@@ -363,7 +376,7 @@ PYBIND11_MODULE(_scree, module) {
             uint32_t made = 0;
             for (const std::string& layer : layers) made |= 1u << layer_of(layer);
             const Cameras seen(cameras);
-            const py::gil_scoped_release release;
+            const WithoutGil release;
             view.draw_batch(seen.data(), seen.count(), options, made);
           },
           "cameras"_a, "width"_a, "height"_a, "layers"_a, "samples"_a, "shading"_a)
@@ -374,7 +387,7 @@ PYBIND11_MODULE(_scree, module) {
             const Cameras seen(cameras);
             const Targets targets = take_targets(arrays, cameras.size(), gpu, stream);
             const scree_draw_options options = draw_options(targets.width, targets.height, samples, shading);
-            const py::gil_scoped_release release;
+            const WithoutGil release;
             view.draw_batch_to(seen.data(), seen.count(), options, targets.all.data(),
                                static_cast<uint32_t>(targets.all.size()), targets.stream);
           },
@@ -383,7 +396,7 @@ PYBIND11_MODULE(_scree, module) {
           "shade",
           [](scree::View& view, const py::dict& shading) {
             const scree_draw_options options = draw_options(1, 1, 1, shading);
-            const py::gil_scoped_release release;
+            const WithoutGil release;
             view.shade(options);
           },
           "shading"_a)
@@ -403,7 +416,7 @@ PYBIND11_MODULE(_scree, module) {
   py::class_<scree::Scene, std::shared_ptr<scree::Scene>>(module, "Scene")
       .def("view",
            [](const scree::Scene& scene) {
-             const py::gil_scoped_release release;
+             const WithoutGil release;
              return std::shared_ptr<scree::View>(new scree::View(scene.handle()), &end<scree::View>);
            })
       .def_property_readonly("stats", [](const scree::Scene& scene) { return stats_of(scene); })

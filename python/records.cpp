@@ -37,8 +37,8 @@ py::dict stats_of(const scree::Scene& scene) {
   const scree_scene_stats stats = scene.stats();
   return py::dict("triangles"_a = stats.triangles, "instances"_a = stats.instances,
                   "box_min"_a = array_of(stats.box_min), "box_max"_a = array_of(stats.box_max),
-                  "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
-                  "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
+                  "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = text_of(stats.gpu_name),
+                  "why_cpu"_a = text_of(stats.why_cpu), "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
                   "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms, "lights"_a = stats.lights,
                   "light"_a = kLights[stats.light]);
 }
@@ -82,7 +82,7 @@ py::dict stats_of(const scree::View& view) {
 std::vector<py::dict> scenes_of(const scree::File& file) {
   return listed(file.info().scenes, [&](uint32_t i) {
     const scree_scene_info info = file.scene(i);
-    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "instances"_a = info.instances,
+    return py::dict("name"_a = text_of(info.name), "triangles"_a = info.triangles, "instances"_a = info.instances,
                     "cameras"_a = info.cameras);
   });
 }
@@ -90,7 +90,7 @@ std::vector<py::dict> scenes_of(const scree::File& file) {
 std::vector<py::dict> meshes_of(const scree::File& file) {
   return listed(file.info().meshes, [&](uint32_t i) {
     const scree_mesh_info info = file.mesh(i);
-    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "vertices"_a = info.vertices,
+    return py::dict("name"_a = text_of(info.name), "triangles"_a = info.triangles, "vertices"_a = info.vertices,
                     "box_min"_a = array_of(info.box_min), "box_max"_a = array_of(info.box_max),
                     "max_position_error"_a = info.max_position_error, "material"_a = info.material,
                     "has_uv"_a = (info.attributes & 1) != 0, "has_color"_a = (info.attributes & 2) != 0,
@@ -101,8 +101,9 @@ std::vector<py::dict> meshes_of(const scree::File& file) {
 std::vector<py::dict> materials_of(const scree::File& file) {
   return listed(file.info().materials, [&](uint32_t i) {
     const scree_material_info info = file.material(i);
-    return py::dict("name"_a = info.name, "base_color"_a = array_of(info.base_color), "texture"_a = info.texture,
-                    "double_sided"_a = (info.flags & 1) != 0, "unlit"_a = (info.flags & 2) != 0);
+    return py::dict("name"_a = text_of(info.name), "base_color"_a = array_of(info.base_color),
+                    "texture"_a = info.texture, "double_sided"_a = (info.flags & 1) != 0,
+                    "unlit"_a = (info.flags & 2) != 0);
   });
 }
 
@@ -111,7 +112,7 @@ std::vector<py::dict> cameras_of(const scree::File& file, uint32_t scene) {
     const scree_camera_info info = file.camera(scene, i);
     py::array_t<double> world(std::vector<py::ssize_t>{3, 4});
     std::copy(info.world, info.world + 12, world.mutable_data());
-    return py::dict("name"_a = info.name, "node_name"_a = info.node_name, "camera"_a = info.camera,
+    return py::dict("name"_a = text_of(info.name), "node_name"_a = text_of(info.node_name), "camera"_a = info.camera,
                     "orthographic"_a = info.orthographic != 0, "fov"_a = info.fov_degrees,
                     "half_height"_a = info.half_height, "z_near"_a = info.z_near, "z_far"_a = info.z_far,
                     "world"_a = world);

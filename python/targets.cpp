@@ -178,9 +178,9 @@ py::object checked_stream(const py::object& stream) {
   if (!PyLong_Check(stream.ptr()))
     throw py::type_error(
         "stream: expected None or a cudaStream_t as an int, such as torch.cuda.current_stream().cuda_stream");
-  const auto number = stream.cast<long long>();
-  if (number < 0) throw py::value_error("stream: " + std::to_string(number) + " is no cudaStream_t");
-  return py::int_(number);
+  if (stream < py::int_(0) || stream > py::int_(INT64_MAX))
+    throw py::value_error("stream: " + py::str(stream).cast<std::string>() + " is no cudaStream_t");
+  return stream;
 }
 
 }  // namespace
@@ -194,6 +194,8 @@ Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::
   std::optional<uintptr_t> named;
   std::string first;
   for (const auto& [key, value] : arrays) {
+    if (!py::isinstance<py::str>(key))
+      throw py::type_error("targets: the key " + py::repr(key).cast<std::string>() + " is no name of a layer");
     const auto name = key.cast<std::string>();
     const std::string place = "targets['" + name + "']";
     const scree_layer layer = layer_of(name);

@@ -274,7 +274,7 @@ typedef struct scree_camera {
   const char* name; /* of a camera, of its node, or the camera's number */
   double eye[3];
   double target[3];
-  double up[3];          /* 0,0,0: y */
+  double up[3];          /* 0,0,0: y, or -z if the camera looks along y */
   double fov_degrees;    /* vertical, below 180; 0: 45, or the camera's own */
   uint32_t look_at_box;  /* 1: LOOK_AT looks at the middle of the scene's box, not at `target` */
   double view[16];       /* row-major: from world to camera, which looks along -z with y up; no scale */
@@ -433,7 +433,7 @@ typedef struct scree_target {
 /* As scree_draw_batch(), but the layers are drawn into `target_count` `targets`, one per layer. The view keeps none of
  * them. `stream`: a cudaStream_t of the GPU; null: the default stream. The stream's earlier work ends before the
  * drawing begins, and its later work begins after the drawing. Not read if the CPU draws. After an error the targets
- * may have any contents. Since version 4. */
+ * may have any contents. The targets must not overlap. Since version 4. */
 SCREE_API scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, uint32_t count,
                                            const scree_draw_options* options, const scree_target* targets,
                                            uint32_t target_count, void* stream);

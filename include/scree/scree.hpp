@@ -41,7 +41,7 @@ using Mat4 = std::array<double, 16>;
 
 // Cameras. The default camera shows all of the scene.
 
-inline scree_camera look_at(const Vec3& eye, const Vec3& target, const Vec3& up = {0, 1, 0}, double fov_degrees = 45) {
+inline scree_camera look_at(const Vec3& eye, const Vec3& target, const Vec3& up = {}, double fov_degrees = 45) {
   auto camera = make<scree_camera>();
   camera.kind = SCREE_CAMERA_LOOK_AT;
   for (int i = 0; i < 3; ++i) {
@@ -62,7 +62,7 @@ inline scree_camera named_camera(const char* name) {
 }
 
 /// A camera that shows all of the scene, from `turn_degrees` to the right of its front and `rise_degrees` above it.
-inline scree_camera around(double turn_degrees, double rise_degrees, const Vec3& up = {0, 1, 0},
+inline scree_camera around(double turn_degrees, double rise_degrees, const Vec3& up = {},
                            double fov_degrees = 45) {
   auto camera = make<scree_camera>();
   camera.kind = SCREE_CAMERA_AROUND;

@@ -12,7 +12,9 @@ Every error of the library is a `scree.Error`, with one line of text and `status
 
 from __future__ import annotations
 
+import operator
 import os
+import threading
 
 from . import _scree
 from ._scree import Camera, Error, SharedLayer, __version__
@@ -23,20 +25,58 @@ __all__ = ["Camera", "Error", "File", "LAYERS", "Scene", "SharedLayer", "View", 
 LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "linear")
 
 
-def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
+def _bytes(name, text):
+    """A path or a name for the library: any text, but without a zero byte, at which C would end it."""
+    data = os.fsencode(text)
+    if b"\0" in data:
+        raise ValueError(f"{name}: {text!r} has a zero byte")
+    return data
+
+
+def _whole(name, value, least=0, most=2**32 - 1):
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}: {value!r} is no whole number") from None
+    if not least <= number <= most:
+        raise ValueError(f"{name}: {number}, expected {least} to {most}")
+    return number
+
+
+def _vector(name, value):
+    try:
+        x, y, z = (float(number) for number in value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: {value!r}, expected three numbers") from None
+    return x, y, z
+
+
+def _fov(value):
+    if not 0 < value < 180:
+        raise ValueError(f"fov: {value}, expected above 0 and below 180")
+    return value
+
+
+def _camera(camera):
+    return _bytes("camera", camera) if isinstance(camera, str) else camera
+
+
+def look_at(eye, target=None, up=None, fov=45.0) -> Camera:
     """A camera at `eye` (x, y, z in world units) that looks at `target` (None: the middle of the scene's box).
 
-    `up`: the direction that is up in the picture. `fov`: the vertical field of view in degrees, above 0 and below 180.
+    `up`: the direction that is up in the picture; None: y, or -z if the camera looks along y. `fov`: the vertical field of
+    view in degrees, above 0 and below 180.
     """
-    return _scree.look_at(tuple(eye), None if target is None else tuple(target), tuple(up), fov)
+    return _scree.look_at(_vector("eye", eye), None if target is None else _vector("target", target),
+                          (0, 0, 0) if up is None else _vector("up", up), _fov(fov))
 
 
-def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
+def around(turn, rise, up=None, fov=45.0) -> Camera:
     """A camera that shows the whole scene, from `turn` degrees to the right of its front and `rise` degrees above it.
 
     The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90). `up` and `fov`: as for look_at().
     """
-    return _scree.around(turn, rise, tuple(up), fov)
+    return _scree.around(turn, rise, (0, 0, 0) if up is None else _vector("up", up), _fov(fov))
 
 
 def matrices(view, projection, z_near=0.0) -> Camera:
@@ -58,7 +98,7 @@ def clipped(camera, box_min, box_max) -> Camera:
     All layers and picks are as if the scene ended at the box; the camera does not move. In a batch each camera may have
     a box of its own. A draw raises scree.Error for corners that are not finite or in the wrong order.
     """
-    return _scree.clipped(camera, tuple(box_min), tuple(box_max))
+    return _scree.clipped(_camera(camera), _vector("box_min", box_min), _vector("box_max", box_max))
 
 
 def cameras_of_path(path, *, fps=None, first=0, count=None) -> list[Camera]:
@@ -67,12 +107,13 @@ def cameras_of_path(path, *, fps=None, first=0, count=None) -> list[Camera]:
     `scree render --path` draws the same frames with the same cameras. `fps`: frames per second, instead of the file's.
     Raises scree.Error for a file that is no camera path, and for a `first` behind the path's end.
     """
-    return _scree.cameras_of_path(os.fspath(path), 0 if fps is None else fps, first, count)
+    return _scree.cameras_of_path(_bytes("path", path), 0 if fps is None else fps, _whole("first", first, most=2**64 - 1),
+                                  None if count is None else _whole("count", count, most=2**64 - 1))
 
 
 def path_info(path, *, fps=None) -> dict:
     """A dict of a camera path: frames (their number) and fps (per second). `fps` and errors: as for cameras_of_path()."""
-    return _scree.path_info(os.fspath(path), 0 if fps is None else fps)
+    return _scree.path_info(_bytes("path", path), 0 if fps is None else fps)
 
 
 def open(path) -> File:
@@ -85,7 +126,7 @@ class File:
 
     def __init__(self, path):
         self.path = os.fspath(path)
-        self._file = _scree.File(self.path)
+        self._file = _scree.File(_bytes("path", path))
 
     @property
     def bytes(self) -> int:
@@ -125,7 +166,7 @@ class File:
         half_height (units; 0 if perspective), z_near and z_far (units; 0: none), and world (float64, 3 x 4, row by row:
         the node's matrix). Raises scree.Error for a scene that the file lacks.
         """
-        return self._file.cameras(self.default_scene if scene is None else scene)
+        return self._file.cameras(self.default_scene if scene is None else _whole("scene", scene))
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
              texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
@@ -157,12 +198,18 @@ class File:
         Raises scree.Error: no such scene or GPU, damaged data, no memory, or `progress` returned False.
         """
         warnings = []
+        width, height, samples = largest
         return Scene(self._file.load(
-            scene=None if scene is None else str(scene), backend=backend, gpu=None if gpu is None else str(gpu),
-            threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
-            texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus,
-            texture_memory=texture_memory, environment=None if environment is None else os.fspath(environment),
-            light=light, read=read, largest_shadows=largest_shadows, warnings=warnings), warnings)
+            scene=None if scene is None else _bytes("scene", str(scene)), backend=backend,
+            gpu=None if gpu is None else _bytes("gpu", str(gpu)), threads=_whole("threads", threads),
+            textures=bool(textures), device_memory=_whole("device_memory", device_memory, most=2**64 - 1),
+            host_memory=_whole("host_memory", host_memory, most=2**64 - 1),
+            texture_cache=_whole("texture_cache", texture_cache, most=2**64 - 1),
+            largest=(_whole("largest", width), _whole("largest", height), _whole("largest", samples)),
+            progress=progress, gpus=None if gpus is None else _whole("gpus", gpus),
+            texture_memory=_whole("texture_memory", texture_memory, most=2**64 - 1),
+            environment=None if environment is None else _bytes("environment", environment), light=light, read=read,
+            largest_shadows=_whole("largest_shadows", largest_shadows), warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
         """Calls load().render(), for a single picture. For several pictures, load the scene once.
@@ -183,6 +230,7 @@ class Scene:
         self._scene = scene
         self.warnings = warnings
         self._view = None
+        self._lock = threading.Lock()
 
     @property
     def stats(self) -> dict:
@@ -210,14 +258,18 @@ class Scene:
         Returns a dict with a numpy array of height x width pixels for each of `layers`, of the types and units of
         View.read(). Raises the errors of View.draw() and View.read().
         """
-        if self._view is None:
-            self._view = self.view()
-        self._view.draw(width, height, **options)
-        return {layer: self._view.read(layer) for layer in layers}
+        with self._lock:
+            if self._view is None:
+                self._view = self.view()
+            self._view.draw(width, height, **options)
+            return {layer: self._view.read(layer) for layer in layers}
 
 
 class View:
-    """Draws frames of a scene. Its buffers grow to the largest frame and never shrink."""
+    """Draws frames of a scene. Its buffers grow to the largest frame and never shrink.
+
+    draw() and read() are two calls, so threads that draw different frames need a view each.
+    """
 
     def __init__(self, view, stats):
         self._view = view
@@ -239,10 +291,11 @@ class View:
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
         - `background` (0, 0, 0, 0): linear RGBA.
 
-        Raises TypeError for an unknown option or a value of another type, ValueError for an unknown word or a size of 0,
-        scree.Error for numbers out of range, an invalid or missing camera, or a GPU that fails.
+        Raises TypeError for an unknown option or a value of another type, ValueError for an unknown word, a negative number or
+        a size of 0, scree.Error for numbers that are too large, an invalid or missing camera, or a GPU that fails.
         """
-        self._view.draw(width, height, camera, samples, shading)
+        self._view.draw(_whole("width", width, 1), _whole("height", height, 1), _camera(camera),
+                        _whole("samples", samples, 1), shading)
         return self
 
     def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, **shading) -> View:
@@ -252,7 +305,8 @@ class View:
         have the cameras as an additional first dimension; on a GPU each array is one block of the GPU's memory.
         Other arguments and errors: as for draw(). Raises ValueError for no cameras, too.
         """
-        self._view.draw_batch(list(cameras), width, height, list(layers), samples, shading)
+        self._view.draw_batch([_camera(camera) for camera in cameras], _whole("width", width, 1), _whole("height", height, 1),
+                              list(layers), _whole("samples", samples, 1), shading)
         return self
 
     def draw_batch_to(self, cameras, targets, *, samples=1, stream=None, **shading) -> View:
@@ -274,7 +328,8 @@ class View:
         rows, read-only memory, or memory of another device. Both name the array, and nothing is drawn. Other errors: as
         for draw(). After a scree.Error the arrays' contents are unspecified.
         """
-        self._view.draw_batch_to(list(cameras), dict(targets), self._gpu, samples, stream, shading)
+        self._view.draw_batch_to([_camera(camera) for camera in cameras], dict(targets), self._gpu,
+                                 _whole("samples", samples, 1), stream, shading)
         return self
 
     def shade(self, **shading) -> View:
@@ -308,8 +363,8 @@ class View:
 
         The shape is height x width x channels, of the types and units of read(); in a batch the cameras are the first
         dimension. If a GPU draws, the layer lies in its memory, except linear, which is made on the host. The next draw()
-        overwrites the layer. The memory stays valid: a draw() that needs more memory allocates new memory. Raises the errors
-        of read().
+        overwrites the layer. The memory stays valid: a draw() that needs more memory allocates new memory. Raises ValueError for
+        an unknown layer, and scree.Error without a frame; from_dlpack() raises the other errors of read().
         """
         return self._view.share(layer, -1 if layer == "linear" else self._gpu)
 
@@ -320,7 +375,7 @@ class View:
         source_triangle (its number in the source; -1: not stored), depth (from the eye's plane) and position (x, y, z), both in
         world units. Raises scree.Error for a pixel outside of the frame, without a frame, and after a batch.
         """
-        return self._view.pick(x, y)
+        return self._view.pick(_whole("x", x), _whole("y", y))
 
     @property
     def stats(self) -> dict:
@@ -351,10 +406,14 @@ def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.
     - `threads`: 0 is one per processor. `memory`: bytes that the process may take. `progress`: as for File.load().
 
     Returns a dict with input_bytes, output_bytes, triangles, meshes, position_error (the largest found, per axis in a
-    mesh's own units), seconds and warnings. Raises scree.Error, and then leaves no new file.
+    mesh's own units), seconds and warnings. Raises TypeError and ValueError for arguments of another type or out of range, and
+    scree.Error; both leave no new file.
     """
     return _scree.convert(
-        os.fspath(input), None if output is None else os.fspath(output), position_bits=position_bits, float32=float32,
-        max_error=max_error, encoding=encoding, zstd=zstd, textures=textures, jpeg_quality=jpeg_quality, normals=normals,
-        source_ids=source_ids, replace=replace, keep_going=keep_going, drop_nonfinite=drop_nonfinite,
-        allow_outside=allow_outside, exclude=exclude, threads=threads, memory=memory, progress=progress)
+        _bytes("input", input), None if output is None else _bytes("output", output),
+        position_bits=_whole("position_bits", position_bits, 8, 24), float32=bool(float32), max_error=max_error,
+        encoding=encoding, zstd=_whole("zstd", zstd, -1, 22), textures=textures,
+        jpeg_quality=_whole("jpeg_quality", jpeg_quality, 1, 100), normals=bool(normals), source_ids=bool(source_ids),
+        replace=bool(replace), keep_going=bool(keep_going), drop_nonfinite=bool(drop_nonfinite),
+        allow_outside=bool(allow_outside), exclude=None if exclude is None else _bytes("exclude", exclude),
+        threads=_whole("threads", threads), memory=_whole("memory", memory, most=2**64 - 1), progress=progress)

@@ -340,7 +340,11 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
     stats_.jpeg_bytes += jpegs_[wanted[i]].jpeg_bytes();
   }
   number_jpeg_levels();
-  if (jpeg_slot_bytes_ != 0) blocks_ = std::make_unique<kernels::BlockCache>(options.texture_cache, jpeg_slot_bytes_);
+  if (jpeg_slot_bytes_ != 0) {
+    // Twice the memory that all groups take, so that no set of the cache has to drop a group.
+    const uint64_t most = 2 * uint64_t{jpeg_groups_.count} * jpeg_slot_bytes_;
+    blocks_ = std::make_unique<kernels::BlockCache>(std::min(options.texture_cache, most), jpeg_slot_bytes_);
+  }
   view_.blocks = blocks_.get();
   number_block_pages(options);
   stats_.images = wanted.size();

@@ -44,6 +44,12 @@ void add(std::vector<Misuse>& rows, const char* function, const std::vector<Chan
                     SCREE_ERROR_ARGUMENT, change.part});
 }
 
+/// Sets all bits of a field, as a caller may, whatever its enum holds.
+template <class Enum>
+void set_bits(Enum& field) {
+  std::memset(&field, 0xff, sizeof field);
+}
+
 void add_nulls(std::vector<Misuse>& rows, Subjects& s) {
   const auto null = [&](const char* function, const char* what, std::function<scree_status()> call) {
     rows.push_back({function, what, std::move(call), SCREE_ERROR_ARGUMENT, "null"});
@@ -138,6 +144,9 @@ void add_files(std::vector<Misuse>& rows, Subjects& s) {
                     status, part});
   };
   converts("an empty path", "", "", SCREE_ERROR_ARGUMENT, "scree_convert: input is empty");
+  rows.push_back({"scree_convert", "an empty output",
+                  [&] { return scree_convert(s.source.c_str(), "", nullptr, &out.report); }, SCREE_ERROR_ARGUMENT,
+                  "scree_convert: output is empty"});
   converts("missing", folder.file("none.glb"), "", SCREE_ERROR_FILE, "none.glb");
   converts("a folder", folder.file(""), s.made, SCREE_ERROR_FILE, "not a regular file");
   converts("no model", s.path, s.made, SCREE_ERROR_DATA, "is packed already");
@@ -250,11 +259,14 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
              {"gpus", [](Load& l) { l.gpus = 17; }, "gpus is 17, at most 16 or SCREE_ALL_GPUS"},
              {"gpus", [](Load& l) { l.gpus = UINT64_MAX; }, "at most 16"},
              {"gpus of the CPU", [](Load& l) { l.backend = SCREE_BACKEND_CPU, l.gpus = 2; }, "names GPUs"},
-             {"light", [](Load& l) { l.light = static_cast<scree_light>(4); }, "light is 4, at most 3"},
+             {"light", [](Load& l) { l.light = static_cast<scree_light>(4); }, "light is 4, expected 0 to 3"},
              {"light", [](Load& l) { l.backend = SCREE_BACKEND_CPU, l.light = SCREE_LIGHT_SCENE; }, "no lights"},
              {"two lights", [](Load& l) { l.environment = "a.hdr", l.light = SCREE_LIGHT_CAMERA; }, "environment"},
              {"max_shadow_size", [](Load& l) { l.max_shadow_size = 16385; }, "max_shadow_size is 16385, at most 16384"},
-             {"reading", [](Load& l) { l.reading = static_cast<scree_reading>(4); }, "reading is 4"}},
+             {"reading", [](Load& l) { l.reading = static_cast<scree_reading>(4); }, "reading is 4"},
+             {"negative reading", [](Load& l) { set_bits(l.reading); }, "reading is -1, expected 0 to 3"},
+             {"negative light", [](Load& l) { set_bits(l.light); }, "light is -1"},
+             {"negative backend", [](Load& l) { set_bits(l.backend); }, "backend is -1"}},
             [&](const Load& options) { return scree_load(s.opened.file, &options, &s.out.scene); });
   rows.push_back({"scree_load", "a GPU that is not there",
                   [&] {
@@ -286,13 +298,15 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
   const std::vector<Change<Draw>> shading{
       {"show", [](Draw& d) { d.show = static_cast<scree_show>(9); }, "show is 9"},
       {"show", [](Draw& d) { d.show = SCREE_SHOW_32_BITS; }, "show is"},
+      {"negative show", [](Draw& d) { set_bits(d.show); }, "show is -1, expected 0 to 8"},
+      {"negative light", [](Draw& d) { set_bits(d.light); }, "light is -1"},
       {"flags", [](Draw& d) { d.flags = 32; }, "flags"},
       {"flags", [](Draw& d) { d.flags = UINT32_MAX; }, "flags"},
       {"background", [](Draw& d) { d.background[0] = static_cast<float>(kNan); }, "background"},
       {"background", [](Draw& d) { d.background[3] = -static_cast<float>(kInfinity); }, "background"},
-      {"edl_radius", [](Draw& d) { d.edl_radius = 65; }, "edl_radius"},
+      {"edl_radius", [](Draw& d) { d.edl_radius = 65; }, "edl_radius is 65, at most 64"},
       {"edl_strength", [](Draw& d) { d.edl_strength = static_cast<float>(kNan); }, "edl_strength"},
-      {"edl_strength", [](Draw& d) { d.edl_strength = -1; }, "edl_strength"},
+      {"edl_strength", [](Draw& d) { d.edl_strength = -1; }, "edl_strength is -1.000000, expected 0 to 100"},
       {"exposure", [](Draw& d) { d.exposure = kNan; }, "exposure"},
       {"exposure", [](Draw& d) { d.exposure = -21; }, "exposure"},
       {"light", [](Draw& d) { d.light = static_cast<scree_light>(4); }, "light is 4"},
@@ -406,11 +420,12 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
        {"two steps", [](Convert& c) { c.max_error = 1, c.flags = SCREE_CONVERT_FLOAT32; }, "exclude"},
        {"two grids", [](Convert& c) { c.flags = SCREE_CONVERT_GRID_SCENE | SCREE_CONVERT_FLOAT32; }, "exclude"},
        {"zstd_level", [](Convert& c) { c.zstd_level = 23; }, "23"},
-       {"zstd_level", [](Convert& c) { c.zstd_level = -2; }, "-2"},
+       {"zstd_level", [](Convert& c) { c.zstd_level = -2; }, "zstd_level is -2, expected -1 to 22"},
        {"zstd_level", [](Convert& c) { c.zstd_level = INT32_MIN; }, "-2147483648"},
        {"jpeg_quality", [](Convert& c) { c.jpeg_quality = 101; }, "101"},
        {"jpeg_quality", [](Convert& c) { c.jpeg_quality = -1; }, "-1"},
        {"textures", [](Convert& c) { c.textures = static_cast<scree_textures>(3); }, "textures is 3"},
+       {"negative textures", [](Convert& c) { set_bits(c.textures); }, "textures is -1"},
        {"threads", [](Convert& c) { c.threads = 4097; }, "4096"},
        {"memory", [](Convert& c) { c.memory = 1000; }, "memory"},
        {"exclude", [](Convert& c) { c.exclude = "(["; }, "(["}},
@@ -450,6 +465,7 @@ void add_cameras(std::vector<Misuse>& rows, Subjects& s) {
   std::vector<Change<Camera>> changes{
       {"kind", [](Camera& c) { c.kind = static_cast<scree_camera_kind>(5); }, "kind is 5"},
       {"kind", [](Camera& c) { c.kind = SCREE_CAMERA_32_BITS; }, "kind is"},
+      {"negative kind", [](Camera& c) { set_bits(c.kind); }, "kind is -1"},
       {"no name", [](Camera& c) { c.kind = SCREE_CAMERA_NAMED; }, "name"},
       {"an empty name", [](Camera& c) { c.kind = SCREE_CAMERA_NAMED, c.name = ""; }, "name"},
       {"an unknown name", [](Camera& c) { c.kind = SCREE_CAMERA_NAMED, c.name = "nobody"; }, "nobody"},

@@ -4,6 +4,7 @@ import ast
 import ctypes
 import gc
 import inspect
+import os
 import pathlib
 import re
 import subprocess
@@ -516,8 +517,21 @@ class Package(unittest.TestCase):
             view.read("colour")
         with self.assertRaises(scree.Error):
             view.draw(8, 8, samples=3)
-        with self.assertRaises(TypeError):
-            view.draw(-1, 8)
+        for call, error, text in (
+                (lambda: view.draw(-1, 8), ValueError, "width: -1, expected 1 to 4294967295"),
+                (lambda: view.draw(8, 8.5), TypeError, "height: 8.5 is no whole number"),
+                (lambda: view.draw(8, 8, edl_radius=0), ValueError, "edl_radius: 0, expected 1 to 64"),
+                (lambda: view.draw(8, 8, shadow_size=0), ValueError, "shadow_size: 0, expected 64 to 16384"),
+                (lambda: view.draw(8, 8, camera="in\0side"), ValueError, "camera: .* has a zero byte"),
+                (lambda: self.file.load(threads=-1), ValueError, "threads: -1, expected 0 to 4294967295"),
+                (lambda: scree.open("a\0b"), ValueError, "path: 'a.x00b' has a zero byte"),
+                (lambda: scree.look_at((1, 2)), TypeError, r"eye: \(1, 2\), expected three numbers"),
+                (lambda: scree.look_at((1, 2, 3), fov=0), ValueError, "fov: 0, expected above 0 and below 180"),
+                (lambda: scree.convert("a.glb", jpeg_quality=0), ValueError, "jpeg_quality: 0, expected 1 to 100"),
+                (lambda: view.draw_batch_to([None], {1: np.zeros(1)}), TypeError, "targets: the key 1"),
+                (lambda: view.draw_batch_to([None], {"depth": np.zeros(1)}, stream=2**63), ValueError, f"stream: {2**63}")):
+            with self.subTest(text), self.assertRaisesRegex(error, text):
+                call()
         with self.assertRaises(scree.Error):
             self.file.load("nowhere", backend="cpu")
 
@@ -555,6 +569,70 @@ class Package(unittest.TestCase):
         for thread in threads:
             thread.join()
         self.assertEqual(wrong, [])
+
+    def test_frames_of_one_scene_by_threads(self):
+        """render() of several threads gives each its own picture, although all use the scene's view."""
+        cameras = [scree.look_at((4 * np.sin(a), 2, 4 * np.cos(a))) for a in np.linspace(0, 6, 4)]
+        expected = [self.scene.render(40, 40, camera=camera)["color"] for camera in cameras]
+        wrong = []
+
+        def draw(number):
+            for _ in range(20):
+                if (self.scene.render(40, 40, camera=cameras[number])["color"] != expected[number]).any():
+                    wrong.append(number)
+
+        threads = [threading.Thread(target=draw, args=(i,)) for i in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(wrong, [])
+
+    def test_the_process_ends_while_threads_draw(self):
+        code = """
+import sys, threading, time, scree
+scene = scree.open(sys.argv[1]).load(backend="cpu", threads=1)
+def draw():
+    view = scene.view()
+    while True:
+        view.draw(16, 16).read("depth")
+for _ in range(4):
+    threading.Thread(target=draw, daemon=True).start()
+time.sleep(0.2)
+"""
+        for _ in range(3):
+            ended = subprocess.run([sys.executable, "-c", code, self.path], capture_output=True, text=True, timeout=60)
+            self.assertEqual((ended.returncode, ended.stderr), (0, ""))
+
+    def test_names_that_are_not_utf8(self):
+        """Names in files and of files may be any bytes."""
+        text = (DATA / "two_instances.gltf").read_bytes()
+        source = self.folder / "bytes.gltf"
+        source.write_bytes(text)
+        for file in DATA.glob("*.bin"):
+            (self.folder / file.name).write_bytes(file.read_bytes())
+        output = os.fsencode(self.folder) + b"/\xff.scree"
+        scree.convert(source, output)
+        self.assertEqual(scree.open(output).triangles, self.file.triangles)
+        name = next(name for name in os.listdir(self.folder) if name.endswith("ff.scree") or "\udcff" in name)
+        self.assertEqual(scree.open(self.folder / name).triangles, self.file.triangles)
+        with self.assertRaisesRegex(scree.Error, r"missing.\\xff"):
+            scree.open(os.fsencode(self.folder) + b"/missing-\xff")
+        with self.assertRaises(scree.Error):
+            scree.open("\u00e9" * 2000)
+
+    def test_up_is_chosen(self):
+        """Straight down, -z is up, as in scree render."""
+        down = self.scene.render(40, 40, camera=scree.look_at((0, 10, 0), (0, 5, 0)))["color"]
+        chosen = self.scene.render(40, 40, camera=scree.look_at((0, 10, 0), (0, 5, 0), up=(0, 0, -1)))["color"]
+        self.assertTrue((down == chosen).all())
+        with self.assertRaises(scree.Error):
+            self.scene.render(40, 40, camera=scree.look_at((0, 10, 0), (0, 5, 0), up=(0, 1, 0)))
+
+    def test_no_strength_is_no_effect(self):
+        plain = self.scene.render(40, 40)["color"]
+        self.assertTrue((self.scene.render(40, 40, edl=True, edl_strength=0)["color"] == plain).all())
+        self.assertTrue((self.scene.render(40, 40, edl=True)["color"] != plain).any())
 
     def test_scene_outlives_its_file(self):
         file = scree.open(self.path)
@@ -607,7 +685,7 @@ class Package(unittest.TestCase):
         with self.assertRaises(scree.Error) as caught:
             scree.cameras_of_path(self.path)
         self.assertEqual(caught.exception.status, "SCREE_ERROR_DATA")
-        with self.assertRaises(TypeError):
+        with self.assertRaises(ValueError):
             scree.cameras_of_path(film, first=-1)
 
     def test_shading_of_another_type(self):

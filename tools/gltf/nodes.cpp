@@ -21,8 +21,9 @@ constexpr uint64_t kMaxNodeInstances = uint64_t{1} << 26;
 
 constexpr uint64_t kInstanceBlock = 4096;
 
-// libstdc++ matches recursively, with some hundred bytes of stack per character.
+// libstdc++ compiles and matches recursively, with some hundred bytes of stack per character.
 constexpr size_t kMaxMatchedName = 1024;
+constexpr size_t kMaxPattern = 1024;
 
 std::string node_place(uint64_t node) {
   return "node " + std::to_string(node);
@@ -103,6 +104,9 @@ Result<Trees> find_trees(const GltfDocument& document) {
 
 Result<std::optional<std::regex>> compile(const std::string& exclude) {
   if (exclude.empty()) return std::optional<std::regex>();
+  if (exclude.size() > kMaxPattern)
+    return fail(ErrorCode::kUsage, "--exclude: a pattern of ", exclude.size(), " characters, expected at most ",
+                kMaxPattern);
   try {
     return std::optional<std::regex>(std::regex(exclude, std::regex::ECMAScript));
   } catch (const std::regex_error& error) {

@@ -1,7 +1,9 @@
 #include "tools/render/camera_path.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <new>
@@ -158,7 +160,7 @@ Result<CameraPath> CameraPath::parse(std::string_view text, std::optional<double
 
 Result<CameraPath> CameraPath::read(const std::string& path, std::optional<double> frames_per_second) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) return Error{ErrorCode::kFile, path + ": cannot be opened"};
+  if (!file) return Error{ErrorCode::kFile, path + ": cannot be opened: " + std::strerror(errno)};
   std::string text;
   try {
     text.resize(kMaxPathBytes + 1);
