@@ -102,6 +102,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
     }
     case 4:
       way.words = words_of("--no-light --blend-layers 0 --show color --view iso");
+      way.load.texture_cache = uint64_t{1} << 40;  // more than there is; the scene needs less
       way.draw.show = SCREE_SHOW_COLOR;
       way.draw.flags = SCREE_NO_LIGHT | SCREE_NO_BLEND;
       way.camera.kind = SCREE_CAMERA_AROUND;
