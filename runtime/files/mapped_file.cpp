@@ -74,6 +74,7 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   if (address == MAP_FAILED) return system_error(path, "cannot map", errno);
   mapped.data_ = static_cast<const std::byte*>(address);
   mapped.size_ = size;
+  mapped.changed_ = status.st_mtim;
   mapped.descriptor_ = file.release();
   ::madvise(address, static_cast<size_t>(size), access == Access::kSequential ? MADV_SEQUENTIAL : MADV_NORMAL);
   return mapped;
@@ -82,6 +83,7 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
 MappedFile::MappedFile(MappedFile&& other) noexcept
     : data_(std::exchange(other.data_, nullptr)),
       size_(std::exchange(other.size_, 0)),
+      changed_(other.changed_),
       descriptor_(std::exchange(other.descriptor_, -1)),
       path_(std::move(other.path_)) {}
 
@@ -90,6 +92,7 @@ MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
   unmap();
   data_ = std::exchange(other.data_, nullptr);
   size_ = std::exchange(other.size_, 0);
+  changed_ = other.changed_;
   descriptor_ = std::exchange(other.descriptor_, -1);
   path_ = std::move(other.path_);
   return *this;
@@ -153,13 +156,16 @@ Result<void> MappedFile::read(uint64_t offset, std::span<std::byte> out) const {
   return {};
 }
 
-Result<void> MappedFile::check_size() const {
+Result<void> MappedFile::check_unchanged() const {
   if (descriptor_ < 0) return {};  // empty
   struct stat status {};
   if (::fstat(descriptor_, &status) != 0)
     return Error{ErrorCode::kFile, std::string("cannot stat: ") + std::strerror(errno)};
   const auto size = static_cast<uint64_t>(status.st_size);
-  return size < size_ ? ends_early(size, size_) : Result<void>();
+  if (size < size_) return ends_early(size, size_);
+  if (status.st_mtim.tv_sec != changed_.tv_sec || status.st_mtim.tv_nsec != changed_.tv_nsec)
+    return Error{ErrorCode::kFile, "was changed after it was opened"};
+  return {};
 }
 
 void MappedFile::will_need(uint64_t offset, uint64_t size) const {

@@ -6,6 +6,8 @@
 #include <span>
 #include <string>
 
+#include <time.h>
+
 #include "format/result.h"
 
 namespace scree::runtime {
@@ -19,9 +21,9 @@ enum class Access {
 /// A kFile error: the file ends at `end`, but had `size` bytes when it was opened.
 Error ends_early(uint64_t end, uint64_t size);
 
-/// A read-only, private map of a whole file. The file must not shrink while it is mapped. Reading pages past its new
+/// A read-only, private map of a whole file. The file must not change while it is mapped. Reading pages past its new
 /// end raises SIGBUS, which the tools turn into an error (tools/common/process/sigbus.h). In the page that contains the
-/// new end, lost bytes read as zeros; check_size() detects that. Move-only; reading is thread-safe.
+/// new end, lost bytes read as zeros; check_unchanged() detects that. Move-only; reading is thread-safe.
 class MappedFile {
  public:
   /// Maps `path`; an empty file gives an empty span. The span starts page-aligned. Errors kFile (missing, unreadable,
@@ -55,9 +57,10 @@ class MappedFile {
   /// file's name.
   Result<void> read(uint64_t offset, std::span<std::byte> out) const;
 
-  /// Checks that the file still has at least the mapped bytes. Call it after reading them: a byte that was cut off
-  /// reads as zero. Errors kFile, without the file's name: the file is shorter, or fstat() fails.
-  Result<void> check_size() const;
+  /// Checks that the file is as it was when it was opened. Call it after reading the mapped bytes: a byte that was cut
+  /// off reads as zero, and a byte that was overwritten has its new value. Errors kFile, without the file's name: the
+  /// file is shorter, its contents have a later time of change, or fstat() fails.
+  Result<void> check_unchanged() const;
 
   /// Asks the system to read [offset, offset + size) ahead; clipped to the file. A hint: failures are not reported.
   void will_need(uint64_t offset, uint64_t size) const;
@@ -71,6 +74,7 @@ class MappedFile {
 
   const std::byte* data_ = nullptr;
   uint64_t size_ = 0;
+  timespec changed_{};  // of the contents, when it was opened
   int descriptor_ = -1;
   std::string path_;
 };

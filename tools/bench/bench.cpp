@@ -146,7 +146,7 @@ class FileBench {
       result_.views.push_back(SCREE_TRY(measure_view(view)));
     }
     progress_.erase();
-    SCREE_TRY(tools::check_not_cut(scene.file().map()));
+    SCREE_TRY(tools::check_unchanged(scene.file().map()));
     return result_;
   }
 

@@ -144,7 +144,7 @@ Result<Findings> compare_scene(const CompareArguments& words, const std::string&
   const kernels::View view = SCREE_TRY_AT(file, runtime::make_view(scene, options.camera));
   SourceReport drawn =
       SCREE_TRY_AT(file, compare_with_source(scene, model, view, words.pixels_per_degree, options.threads));
-  SCREE_TRY(check_not_cut(scene.file().map()));
+  SCREE_TRY(check_unchanged(scene.file().map()));
   findings.pixels = std::move(drawn.pixels);
   findings.pictures = std::move(drawn.pictures);
   return findings;
@@ -167,7 +167,7 @@ Result<Findings> compare_two_buffers(const CompareArguments& words, const Render
     match.emplace(std::move(matched));
   }
   PixelReport report = SCREE_TRY(compare_buffers(a, b, width, height, match ? &*match : nullptr));
-  for (const runtime::Scene& scene : scenes) SCREE_TRY(check_not_cut(scene.file().map()));
+  for (const runtime::Scene& scene : scenes) SCREE_TRY(check_unchanged(scene.file().map()));
   return Findings{.pixels = std::move(report)};
 }
 

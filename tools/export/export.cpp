@@ -342,7 +342,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   options.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
   // Exported parts of the file are released, since the file may be larger than memory.
   options.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
-  options.check_source = [&] { return check_not_cut(map); };
+  options.check_source = [&] { return check_unchanged(map); };
   const StopOnSignal handlers;
   return export_gltf(file, arguments.output, options);
 }
@@ -355,7 +355,7 @@ Result<void> run_export(const Arguments& arguments) {
   const auto summary = export_mapped(arguments, map);
   if (!summary) {
     // If the file was cut short, that is the real cause of errors such as a wrong checksum.
-    SCREE_TRY(check_not_cut(map));
+    SCREE_TRY(check_unchanged(map));
     const Error& error = summary.error();
     const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;
     return names_output ? error : at(arguments.input, error);

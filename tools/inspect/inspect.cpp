@@ -84,7 +84,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     if (verified) print("\n" + text_verify(*verified), out);
     if (measured) print("\nagainst " + options.source + "\n\n" + compare::text_geometry(*measured), out);
   }
-  SCREE_TRY(tools::check_not_cut(map));
+  SCREE_TRY(tools::check_unchanged(map));
   SCREE_TRY(tools::finish_output(out));
   if (verified && verified->failure_count != 0) {
     const uint64_t others = verified->failure_count - 1;

@@ -54,7 +54,7 @@ Result<void> write_picture(const RenderOptions& options, const std::string& path
 
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
                                         const FrameOutputs& outputs) {
-  SCREE_TRY(check_not_cut(map));
+  SCREE_TRY(check_unchanged(map));
   const StopOnSignal handlers;
   const runtime::Stopwatch watch;
   runtime::Workers workers(options.threads);
@@ -84,7 +84,7 @@ Result<void> print_picks(const RenderOptions& options, const runtime::Scene& sce
     const std::optional<runtime::Pick> pick = SCREE_TRY(runtime::pick_sample(scene, view, samples[index]));
     text += describe_pick(scene.container(), place, pick);
   }
-  SCREE_TRY(check_not_cut(scene.file().map()));
+  SCREE_TRY(check_unchanged(scene.file().map()));
   std::fwrite(text.data(), 1, text.size(), stdout);
   return {};
 }

@@ -187,7 +187,7 @@ bool RankedFrame::takes_nccl() const {
 Result<void> RankedFrame::draw_part() {
   place_sun();
   const Result<void> drawn = on_gpu_or_cpu([&] { return draw_on_gpu(); }, [&] { return draw_on_cpu(); });
-  return drawn ? check_not_cut(scene_->file().map()) : drawn;
+  return drawn ? check_unchanged(scene_->file().map()) : drawn;
 }
 
 Result<void> RankedFrame::draw_on_cpu() {
@@ -293,7 +293,7 @@ Result<void> RankedFrame::shade() {
   const Stopwatch watch;
   const Result<void> shaded = on_gpu_or_cpu([&] { return shade_on_gpu(); }, [&] { return shade_on_cpu(); });
   if (!shaded) return shaded;
-  SCREE_TRY(check_not_cut(scene_->file().map()));
+  SCREE_TRY(check_unchanged(scene_->file().map()));
   times_.shade = watch.elapsed().wall_ms;
   const Stopwatch gather_watch;
   const Result<void> gathered = ranks_.gather(std::span(colors_), root_);
@@ -433,7 +433,7 @@ Result<void> RankedFrame::read(runtime::Layer layer, std::span<std::byte> out) {
     }
   });
   SCREE_TRY(make(layer, own, out.data()));
-  SCREE_TRY(check_not_cut(scene_->file().map()));
+  SCREE_TRY(check_unchanged(scene_->file().map()));
   return ranks_.gather({reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}, root_);
 }
 

@@ -309,7 +309,7 @@ Result<void> render(const RenderOptions& options) {
   if (options.list_cameras) {
     list_cameras(file, scene_index);
     ranks.leave();
-    return check_not_cut(file.map());
+    return check_unchanged(file.map());
   }
   times.open = open_watch.elapsed();
 

@@ -279,7 +279,7 @@ class PathRenderer {
     } const at_end{*this};  // before the memory of `read` is freed
     const auto write_last = [&]() -> Result<void> {
       if (!read) return {};
-      SCREE_TRY(check_not_cut(scene().file().map()));
+      SCREE_TRY(check_unchanged(scene().file().map()));
       const auto job = std::make_shared<DrawnFrame>(std::move(*read));
       read.reset();
       // If few frames wait, the GPU is the limit, and the last frame should not wait for one thread.

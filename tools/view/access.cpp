@@ -5,6 +5,7 @@
 #include <cctype>
 #include <cstdint>
 
+#include <arpa/inet.h>
 #include <sys/random.h>
 #include <unistd.h>
 
@@ -63,8 +64,21 @@ std::string host_of(std::string_view authority) {
   return is_plain ? lower_case(host) : std::string();
 }
 
-bool is_loopback(std::string_view host) {
-  return host == "localhost" || host == "::1" || host == "[::1]" || host.starts_with("127.");
+Result<std::string> address_of(const std::string& host) {
+  in_addr four{};
+  in6_addr six{};
+  char text[INET6_ADDRSTRLEN] = {};
+  if (lower_case(host) == "localhost") return std::string("127.0.0.1");
+  if (::inet_pton(AF_INET, host.c_str(), &four) == 1)
+    return std::string(::inet_ntop(AF_INET, &four, text, sizeof text));
+  if (::inet_pton(AF_INET6, host.c_str(), &six) != 1)
+    return Error{ErrorCode::kUsage, "--host: '" + host + "' is not an address such as 127.0.0.1"};
+  if (IN6_IS_ADDR_V4MAPPED(&six)) return std::string(::inet_ntop(AF_INET, six.s6_addr + 12, text, sizeof text));
+  return std::string(::inet_ntop(AF_INET6, &six, text, sizeof text));
+}
+
+bool is_loopback(std::string_view address) {
+  return address == "::1" || address.starts_with("127.");
 }
 
 AccessList::AccessList(std::string_view bound, const std::vector<std::string>& allowed)

@@ -39,8 +39,11 @@ class AccessList {
   std::vector<std::string> allowed_;
 };
 
-/// "127.0.0.1", "::1", "localhost" and the like.
-bool is_loopback(std::string_view host);
+/// The address of `host` as browsers write it: of another spelling of an address, or of "localhost". Error kUsage.
+Result<std::string> address_of(const std::string& host);
+
+/// Whether only this machine reaches an address of address_of().
+bool is_loopback(std::string_view address);
 
 /// "/x/y" for "x/y/", "/x/y" and so on; empty for "/" and "". Errors kUsage: characters other than letters, digits and
 /// -._~/, or a part "..".

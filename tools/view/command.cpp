@@ -62,7 +62,7 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   SCREE_TRY(assign<DeviceOptions>(options.session, parse_device_options(words)));
   options.session.light = SCREE_TRY(parse_light_options(words.light));
   options.session.textures = SCREE_TRY(parse_texture_options(words.textures));
-  options.server.host = words.host;
+  SCREE_TRY(assign(options.server.host, view::address_of(words.host)));
   options.server.is_port_fixed = !words.port.empty();
   if (options.server.is_port_fixed) SCREE_TRY(assign(options.server.port, parse_whole(words.port, 0, 65535, "--port")));
   options.server.base_path = SCREE_TRY(view::parse_base_path(words.base_path));

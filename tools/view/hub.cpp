@@ -274,6 +274,10 @@ void Hub::run() {
       lock.unlock();
       Result<void> done;
       if (work) done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
+      if (!done && done.error().code == ErrorCode::kFile) {  // the scene can no longer be read
+        on_end_(done.error());
+        return end();
+      }
       if (left_bytes_ != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
         const Result<uint64_t> to_come = session_->load_rest(after(kLoading));
         if (!to_come) {
@@ -403,6 +407,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
   const runtime::Stopwatch watch;
   const std::vector<std::byte> image = SCREE_TRY(runtime::encode_png(
       drawn.pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_stopping}));
+  session_->shrink();
   if (image.empty()) return {};
   work.viewer->link->send_picture(screenshot_picture(shot.id, drawn, watch.elapsed().wall_ms, image));
   return {};

@@ -13,6 +13,7 @@
 #include "tools/view/access.h"
 #include "tools/view/hub.h"
 #include "tools/view/message.h"
+#include "tools/view/replies.h"
 
 namespace scree::tools::view {
 namespace {
@@ -31,6 +32,13 @@ constexpr int kSendBufferBytes = 256 << 10;
 constexpr const char* kContentPolicy =
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+constexpr uint32_t kPortsTried = 20;
+
+std::vector<std::byte> bytes_of(std::string_view text) {
+  const auto* const first = reinterpret_cast<const std::byte*>(text.data());
+  return {first, first + text.size()};
+}
 
 class WebSocketViewer;
 
@@ -147,10 +155,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
    public:
     Link(asio::io_context& context, std::weak_ptr<WebSocketViewer> viewer)
         : context_(context), viewer_(std::move(viewer)) {}
-    void send_text(std::string text) override {
-      const auto* const first = reinterpret_cast<const std::byte*>(text.data());
-      post({first, first + text.size()}, true);
-    }
+    void send_text(std::string text) override { post(bytes_of(text), true); }
     void send_picture(std::vector<std::byte> message) override { post(std::move(message), false); }
 
    private:
@@ -199,6 +204,9 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       number_ = server_.hub->join(std::make_shared<Link>(server_.context, weak_from_this()));
       return;
     }
+    // A page may send a number beyond a limit, such as a camera that flew too far. That message has no effect.
+    if (!message && message.error().code == ErrorCode::kRange)
+      return send(bytes_of(error_text(message.error().message)), true);
     if (!message) return close(CloseCode::kBadMessage, "an invalid message");
     server_.hub->receive(number_, std::move(*message));
   }
@@ -322,7 +330,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     response.set("Referrer-Policy", "no-referrer");
     response.set("Cross-Origin-Resource-Policy", "same-origin");
     response.set("Cross-Origin-Opener-Policy", "same-origin");
-    if (!location_.empty()) response.set(http::field::location, location_);
+    if (!location_.empty()) response.set(http::field::location, std::exchange(location_, {}));
     response.keep_alive(keep_alive_);
     response.body() = beast::span<const unsigned char>(body.data(), is_head_ ? 0 : body.size());
     response.content_length(body.size());
@@ -390,18 +398,19 @@ Result<ViewServer> ViewServer::listen(ServerOptions options) {
   auto impl = std::make_unique<Impl>(std::move(options));
   const ServerOptions& wanted = impl->options;
   BoostError error;
-  const std::string host = wanted.host == "localhost" ? "127.0.0.1" : wanted.host;
-  const asio::ip::address address = asio::ip::make_address(host, error);
-  if (error) return Error{ErrorCode::kUsage, "--host: '" + wanted.host + "' is not an address such as 127.0.0.1"};
-  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // as browsers write it
-  const uint32_t last = wanted.is_port_fixed || wanted.port == 0 ? wanted.port : std::min(wanted.port + 20u, 65535u);
+  const std::string host = SCREE_TRY(address_of(wanted.host));
+  const asio::ip::address address = asio::ip::make_address(host);
+  impl->access = AccessList(host, wanted.allowed_hosts);
+  const bool has_one_port = wanted.is_port_fixed || wanted.port == 0;
+  const uint32_t last = has_one_port ? wanted.port : std::min(wanted.port + kPortsTried - 1, 65535u);
   for (uint32_t port = wanted.port; port <= last; ++port) {
     error = open_acceptor(impl->acceptor, {address, static_cast<uint16_t>(port)});
     if (error != boost::system::errc::address_in_use) break;
   }
   if (error)
-    return Error{ErrorCode::kFile,
-                 wanted.host + ":" + std::to_string(wanted.port) + ": cannot listen there: " + error.message()};
+    return Error{ErrorCode::kFile, wanted.host + ":" + std::to_string(wanted.port) +
+                                       (last > wanted.port ? " to " + std::to_string(last) : "") +
+                                       ": cannot listen there: " + error.message()};
   return ViewServer(std::move(impl));
 }
 

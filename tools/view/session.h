@@ -118,6 +118,9 @@ class ViewSession {
   Result<Drawn> draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr, const Patience& patience = {});
 
+  /// Frees memory that only a very large picture needs. Call it after a screenshot, whose pixels are gone then.
+  void shrink();
+
   /// Frees the memory of a viewer that has left.
   void forget(uint32_t viewer);
 

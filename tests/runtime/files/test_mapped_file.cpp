@@ -1,11 +1,13 @@
 #include "runtime/files/mapped_file.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <span>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -139,18 +141,28 @@ TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
   CHECK(static_cast<char>(file.bytes()[size - 1]) == '!');
 }
 
-TEST_CASE("bytes cut off the last page read as zeros, and check_size() finds this", "[mapped_file]") {
+TEST_CASE("bytes cut off the last page read as zeros, and check_unchanged() finds this", "[mapped_file]") {
   const TempFolder folder;
   const std::string path = folder.write("cut", std::string(10'000, 'x'));
   const MappedFile file = must(MappedFile::open(path));
-  CHECK(file.check_size());
-  std::filesystem::resize_file(path, 20'000);
-  CHECK(file.check_size());
+  CHECK(file.check_unchanged());
   std::filesystem::resize_file(path, 9'999);
   CHECK(static_cast<char>(file.bytes()[9'998]) == 'x');
   CHECK(static_cast<char>(file.bytes()[9'999]) == 0);
-  check_refusal(file.check_size(), {ErrorCode::kFile, "ends at byte 9999, but had 10000 when it was opened"});
-  CHECK(MappedFile().check_size());
+  check_refusal(file.check_unchanged(), {ErrorCode::kFile, "ends at byte 9999, but had 10000 when it was opened"});
+  CHECK(MappedFile().check_unchanged());
+}
+
+TEST_CASE("check_unchanged() finds bytes that were overwritten or appended", "[mapped_file]") {
+  const TempFolder folder;
+  const std::string path = folder.write("overwritten", std::string(10'000, 'x'));
+  for (const auto mode : {std::ios::in | std::ios::out, std::ios::app | std::ios::out}) {
+    const MappedFile file = must(MappedFile::open(path));
+    CHECK(file.check_unchanged());
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));  // times of files have the steps of the system's clock
+    std::fstream(path, mode | std::ios::binary).put('y');
+    check_refusal(file.check_unchanged(), {ErrorCode::kFile, "was changed after it was opened"});
+  }
 }
 
 TEST_CASE("a file that cannot be mapped is named with the reason", "[mapped_file]") {

@@ -57,8 +57,12 @@ uint64_t ViewProcess::resident() const {
 }
 
 ViewProcess::End ViewProcess::interrupt() {
-  const auto start = Clock::now();
   ::kill(child_, SIGINT);
+  return wait();
+}
+
+ViewProcess::End ViewProcess::wait() {
+  const auto start = Clock::now();
   int status = 0;
   ::waitpid(child_, &status, 0);
   child_ = -1;

@@ -36,9 +36,11 @@ class ViewProcess {
 
   struct End {
     int exit_code = -1;  // -1: ended by a signal
-    double seconds = 0;  // from the signal to the end
+    double seconds = 0;  // from the call to the end
   };
   End interrupt();
+  /// Waits until the process ends by itself.
+  End wait();
 
  private:
   TempFolder folder_;

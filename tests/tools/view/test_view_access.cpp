@@ -32,6 +32,17 @@ TEST_CASE("a host is the text before the port", "[view][view-access]") {
     CHECK(host_of(bad).empty());
 }
 
+TEST_CASE("an address has one spelling", "[view][view-access]") {
+  using scree::tools::view::address_of;
+  CHECK(*address_of("127.0.0.1") == "127.0.0.1");
+  CHECK(*address_of("LOCALHOST") == "127.0.0.1");
+  CHECK(*address_of("0::0") == "::");
+  CHECK(*address_of("0:0:0:0:0:0:0:1") == "::1");
+  CHECK(*address_of("::ffff:127.0.0.1") == "127.0.0.1");
+  for (const char* bad : {"", "example.com", "256.0.0.1", "[::1]", "127.0.0.1:80"})
+    CHECK(address_of(bad).error().message == "--host: '" + std::string(bad) + "' is not an address such as 127.0.0.1");
+}
+
 TEST_CASE("hosts and origins are admitted by name", "[view][view-access]") {
   const AccessList local("127.0.0.1", {});
   CHECK(local.allows_host("127.0.0.1:8080"));
