@@ -29,6 +29,9 @@ runtime::Vec3 vector_of(const double (&v)[3]) {
 /// Translates the camera for the engine, without its clipping box.
 scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
                              uint32_t height, View& out) {
+  if (const scree_status checked = check_value(camera.kind, SCREE_CAMERA_AROUND, "scree_camera::kind");
+      checked != SCREE_OK)
+    return checked;
   runtime::CameraOptions options{.width = width, .height = height};
   if (camera.fov_degrees != 0) {
     if (!(camera.fov_degrees > 0 && camera.fov_degrees < 180))
@@ -40,9 +43,6 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
     return fail(SCREE_ERROR_ARGUMENT, "scree_camera: eye, target or up is not finite");
   if (camera.up[0] != 0 || camera.up[1] != 0 || camera.up[2] != 0) options.up = vector_of(camera.up);
   Result<View> view = View{};
-  if (const scree_status checked = check_value(camera.kind, SCREE_CAMERA_AROUND, "scree_camera::kind");
-      checked != SCREE_OK)
-    return checked;
   switch (camera.kind) {
     case SCREE_CAMERA_DEFAULT:
       break;
