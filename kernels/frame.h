@@ -1,5 +1,5 @@
 // One frame, seen from outside kernels/: the scene, the view and the buffers. cpu/passes.h draws it on the CPU,
-// cuda/frame.h on a GPU.
+// cuda/frame/frame.h on a GPU.
 #pragma once
 
 #include <cstdint>

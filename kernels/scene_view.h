@@ -62,7 +62,7 @@ struct MaskView {
   }
 };
 
-class BlockCache;
+class JpegGroupCache;
 class TexelPager;
 
 /// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: indexed with float32
@@ -160,7 +160,7 @@ struct SceneView {
   uint64_t surface_count;  // 0: only base colours
   uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
-  BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
+  JpegGroupCache* blocks;  // cache of the textures' JPEG levels; null if there are none, and on a GPU
   TexelPager* pager;       // of the textures' paged levels; null likewise (on a GPU CudaTextureCache has it)
   const MaskView* masks;   // by material; null: no material is masked
   // By material: the alpha of blended surfaces (spec/rasterization.md, blending). The threshold leaves out samples of

@@ -1,5 +1,5 @@
 // The passes of a CPU frame in their order. A CPU backend reads the queues' counters between passes. A GPU frame is one
-// submission instead; cuda/frame.cu has its order.
+// submission instead; cuda/frame/frame.cu has its order.
 //
 // A backend has
 //   for_each(uint64_t count, const Pass&)     runs pass(item, team) for items 0 to count - 1, count <= 2^32

@@ -1,7 +1,7 @@
 // The queues between passes. A counter may exceed its queue's capacity; no entry is written there. The CPU's driver
-// (passes.h) then enlarges the queue or takes a smaller share, and runs the pass again. On a GPU (cuda/frame.cu) the
-// queue is enlarged and the frame drawn again, except that tiles without room are drawn at once. Drawing twice does not
-// change the picture.
+// (passes.h) then enlarges the queue or takes a smaller share, and runs the pass again. On a GPU (cuda/frame/frame.cu)
+// the queue is enlarged and the frame drawn again, except that tiles without room are drawn at once. Drawing twice does
+// not change the picture.
 #pragma once
 
 #include "kernels/raster/setup.h"

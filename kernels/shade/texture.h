@@ -8,7 +8,7 @@
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/approximate.h"
-#include "kernels/shade/block_cache.h"
+#include "kernels/shade/jpeg_group_cache.h"
 #include "kernels/shade/shared_words.h"
 #include "kernels/shade/texel_pager.h"
 #include "kernels/shade/texture_point.h"
@@ -181,7 +181,7 @@ struct SceneTexels {
     bool missed = false;  // a page was absent, for the current pixel
   };
 
-  BlockCache* blocks;  // SceneView::blocks
+  JpegGroupCache* blocks;  // SceneView::blocks
   TexelPages pages{};
 
   /// Sets the places of the texels of two columns and two rows. Returns whether their pages are present.

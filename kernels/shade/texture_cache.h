@@ -1,5 +1,5 @@
 // The GPU's cache of decoded groups of indexed JPEGs (format/jpeg/pixels.h), for threads that must not wait for each
-// other. The CPU has block_cache.h instead. This code runs on a CPU too, for tests.
+// other. The CPU has jpeg_group_cache.h instead. This code runs on a CPU too, for tests.
 //
 // A picture is shaded in rounds. During shading the cache's keys and colours do not change: a pixel that lacks a group
 // requests it and is left for the next round. Between two rounds every requested group replaces one that this round did

@@ -12,7 +12,7 @@
 #include "kernels/cuda/frame/frame.h"
 #include "kernels/cuda/frame/view_batch.h"
 #include "kernels/cuda/shade/blend.h"
-#include "kernels/cuda/shade/jpeg.h"
+#include "kernels/cuda/shade/picture_jpeg.h"
 #include "kernels/cuda/shade/resolve.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_scene.h"

@@ -343,7 +343,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   if (jpeg_slot_bytes_ != 0) {
     // Twice the memory that all groups take, so that no set of the cache has to drop a group.
     const uint64_t most = 2 * uint64_t{jpeg_groups_.count} * jpeg_slot_bytes_;
-    blocks_ = std::make_unique<kernels::BlockCache>(std::min(options.texture_cache, most), jpeg_slot_bytes_);
+    blocks_ = std::make_unique<kernels::JpegGroupCache>(std::min(options.texture_cache, most), jpeg_slot_bytes_);
   }
   view_.blocks = blocks_.get();
   number_block_pages(options);

@@ -12,7 +12,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "kernels/scene_view.h"
-#include "kernels/shade/block_cache.h"
+#include "kernels/shade/jpeg_group_cache.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/pages.h"
@@ -119,7 +119,7 @@ class Scene {
   const WorldBox& box() const;
   const LoadStats& stats() const { return stats_; }
   /// Cache of the JPEG textures' blocks; null if there are none.
-  const kernels::BlockCache* block_cache() const { return blocks_.get(); }
+  const kernels::JpegGroupCache* jpeg_group_cache() const { return blocks_.get(); }
   /// The pages of block images and JPEGs that stay in the file; null if there are none.
   HostBlockPager* block_pager() const { return pager_.get(); }
   uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
@@ -184,7 +184,7 @@ class Scene {
   std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
   kernels::JpegGroups jpeg_groups_;
-  std::unique_ptr<kernels::BlockCache> blocks_;
+  std::unique_ptr<kernels::JpegGroupCache> blocks_;
   std::unique_ptr<HostBlockPager> pager_;
   uint64_t device_texture_memory_ = 0;
   uint64_t device_texture_limit_ = 0;

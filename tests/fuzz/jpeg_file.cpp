@@ -19,14 +19,14 @@ void jpeg_file(Bytes bytes) {
   constexpr uint64_t kMostPixels = 512 * 512;
   const bool may_take_long = header->is_arithmetic || bytes.size() > kMostPixels / 512;
   if (uint64_t{header->width} * header->height > kMostPixels && may_take_long) return;
-  const auto indexed = runtime::index_jpeg(copy.bytes());
+  const auto indexed = convert::index_jpeg(copy.bytes());
   if (!indexed) return;
   const ExactCopy file(indexed->bytes);
   const auto index = format::open_jpeg_index(file.bytes());
   must(bool(index), "what index_jpeg makes can be opened");
   must(index->width == header->width && index->height == header->height, "the size is kept");
   must(bool(format::decode_jpeg_rows(*index, [](uint32_t, std::span<const uint8_t>) {})), "what was indexed decodes");
-  const auto levels = runtime::make_jpeg_levels(*index);
+  const auto levels = convert::make_jpeg_levels(*index);
   must(bool(levels), "mip levels of what was indexed can be made");
   for (const std::vector<std::byte>& level : *levels)
     must(bool(format::open_jpeg_index(level)), "a level can be opened");

@@ -29,6 +29,8 @@
 #endif
 #include "tests/tools/packed_file.h"
 #include "tools/clusters/cluster_builder.h"
+#include "tools/convert/convert.h"
+#include "tools/convert/passes/shard.h"
 
 namespace scree::tests {
 namespace {
@@ -457,6 +459,30 @@ void make_scene_seeds(const TempFolder& folder) {
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");
 }
 
+/// Names of this machine and times are replaced.
+void make_shard_seeds(const TempFolder& folder) {
+  convert::ConvertOptions options;
+  options.input = data_path("textured_cube.glb").string();
+  options.output = folder.file("shard.scree");
+  options.shards = 1;
+  must(convert::convert(options));
+  const Bytes bytes = tests::read_bytes(options.output);
+  const auto container = must(format::Container::open(bytes));
+  for (uint32_t page = 0; page < container.pages().size(); ++page) {
+    const format::PageRecord& record = container.pages()[page];
+    const auto stored = std::span<const std::byte>(bytes).subspan(record.offset, record.stored_bytes);
+    if (record.kind == convert::kShardPlanPage) {
+      convert::ShardPlan plan = must(convert::unpack_plan(stored));
+      for (convert::FileStamp& file : plan.files) file.changed_s = file.changed_ns = 1;
+      Seed::save(convert::pack_plan(plan), "shard", "plan");
+    } else if (record.kind == convert::kShardSharePage) {
+      convert::ShardShare share = must(convert::unpack_share(stored));
+      share.input = "/scene.gltf";
+      Seed::save(convert::pack_share(share), "shard", "share");
+    }
+  }
+}
+
 TEST_CASE("fuzz corpus: the seeds are written again", "[.][make-corpus]") {
   const TempFolder folder;
   make_index_seeds();
@@ -471,6 +497,7 @@ TEST_CASE("fuzz corpus: the seeds are written again", "[.][make-corpus]") {
   make_draco_seeds();
   make_block_seeds();
   make_scene_seeds(folder);
+  make_shard_seeds(folder);
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/gltf/read_all.h"
+#include "tools/convert/passes/shard.h"
 #include "tools/gltf/source.h"
 #include "tools/inspect/verify.h"
 
@@ -56,6 +57,11 @@ TEST_CASE("fuzz corpus: a damaged texture is drawn, and --verify finds it", "[fu
   CHECK(picture_of(folder / "magnified_damaged") != picture_of(folder / "magnified"));
   const auto map = must(runtime::MappedFile::open((folder / "magnified_damaged").string()));
   CHECK(inspect::verify(must(format::Container::open(map.bytes())), map.bytes(), 1).failure_count == 1);
+}
+TEST_CASE("fuzz corpus: the seeds of a shard are unpacked", "[fuzz]") {
+  const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / "shard";
+  CHECK_FALSE(must(convert::unpack_plan(tests::read_bytes((folder / "plan").string()))).measurement.windows.empty());
+  CHECK_FALSE(must(convert::unpack_share(tests::read_bytes((folder / "share").string()))).windows.empty());
 }
 TEST_CASE("fuzz corpus: the seed that meshopt compressed is unpacked", "[fuzz]") {
   const auto path = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt.glb";

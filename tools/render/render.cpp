@@ -124,7 +124,7 @@ void print_stats(const runtime::Scene& scene, const runtime::ViewRenderer& frame
                 format_bytes(load.jpeg_bytes).c_str(), static_cast<unsigned long long>(times.looked->decoded),
                 static_cast<unsigned long long>(times.looked->rounds),
                 static_cast<unsigned long long>(times.looked->tiles));
-  else if (const kernels::BlockCache* blocks = scene.block_cache())
+  else if (const kernels::JpegGroupCache* blocks = scene.jpeg_group_cache())
     std::printf("JPEG levels: %s, %llu groups decoded into a cache of %s\n", format_bytes(load.jpeg_bytes).c_str(),
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
   if (times.texel_page_bytes != 0)

@@ -119,7 +119,7 @@ TEST_CASE("samples and colours equal libjpeg's, for every kind of file", "[jpeg_
   for (const auto& recipe : scree::tests::indexable_recipes()) {
     INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
     const Bytes file = make_jpeg(recipe);
-    const auto indexed = must(runtime::index_jpeg(file));
+    const auto indexed = must(convert::index_jpeg(file));
     CHECK(indexed.note.empty());
     const JpegIndex index = must_index(indexed.bytes);
     if (!libjpeg_can_upsample(index)) {
@@ -141,7 +141,7 @@ TEST_CASE("damaged groups decode within their bytes", "[jpeg_pixels]") {
   for (const auto& recipe : scree::tests::indexable_recipes()) {
     if (recipe.width * recipe.height > 40000) continue;
     INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
-    const auto indexed = must(runtime::index_jpeg(make_jpeg(recipe)));
+    const auto indexed = must(convert::index_jpeg(make_jpeg(recipe)));
     for (int round = 0; round < 4; ++round) {
       GuardedBytes bytes(indexed.bytes);
       for (int i = 0; i < 6; ++i)
@@ -167,7 +167,7 @@ TEST_CASE("samples and colours of real files equal libjpeg's", "[jpeg_pixels]") 
   for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = tests::read_bytes(path);
-    const auto indexed = runtime::index_jpeg(file);
+    const auto indexed = convert::index_jpeg(file);
     if (!indexed) {
       CHECK(indexed.error().code == ErrorCode::kUnsupported);
       continue;

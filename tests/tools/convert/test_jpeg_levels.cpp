@@ -26,9 +26,9 @@ struct Levels {
 };
 
 Levels must_make(const Bytes& file) {
-  auto indexed = must(runtime::index_jpeg(file));
+  auto indexed = must(convert::index_jpeg(file));
   const auto index = must(open_jpeg_index(indexed.bytes));
-  auto levels = must(runtime::make_jpeg_levels(index));
+  auto levels = must(convert::make_jpeg_levels(index));
   return {std::move(indexed.bytes), std::move(levels)};
 }
 
@@ -103,7 +103,7 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
   for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = tests::read_bytes(path);
-    if (!runtime::index_jpeg(file)) continue;
+    if (!convert::index_jpeg(file)) continue;
     const Levels levels = must_make(file);
     uint64_t sum = levels.base.size();
     for (const Bytes& level : levels.others) sum += level.size();

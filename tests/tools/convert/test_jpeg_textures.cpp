@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "format/jpeg/picture.h"
-#include "kernels/shade/block_cache.h"
+#include "kernels/shade/jpeg_group_cache.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/models.h"
@@ -21,7 +21,7 @@
 
 using namespace scree;
 using namespace scree::tests;
-using kernels::BlockCache;
+using kernels::JpegGroupCache;
 using kernels::JpegLevel;
 
 namespace {
@@ -49,12 +49,12 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, const runtime::CameraOpti
 /// An indexed JPEG of the given size in pixels, with half as many chroma samples.
 struct OpenJpeg {
   OpenJpeg(int width, int height)
-      : indexed(runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(width, height, {{2, 1}, {1, 1}, {1, 1}})))),
+      : indexed(convert::index_jpeg(tests::make_jpeg(jpeg_recipe(width, height, {{2, 1}, {1, 1}, {1, 1}})))),
         index(format::open_jpeg_index(indexed.value().bytes)),
         factors(format::jpeg_factors(index.value())) {}
   format::JpegPicture picture() const { return format::jpeg_picture(*index, factors.data()); }
 
-  Result<runtime::IndexedJpeg> indexed;
+  Result<convert::IndexedJpeg> indexed;
   Result<format::JpegIndex> index;
   std::vector<uint32_t> factors;
 };
@@ -72,12 +72,12 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   tests::must_convert(options);
   const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
-  CHECK(whole.block_cache() == nullptr);
+  CHECK(whole.jpeg_group_cache() == nullptr);
   for (const uint64_t bytes : {uint64_t{1}, uint64_t{3000}, uint64_t{40000}, uint64_t{64} << 20}) {
     const runtime::Scene scene = load_cached(folder.file("out.scree"), bytes);
-    REQUIRE(scene.block_cache() != nullptr);
-    CHECK(scene.block_cache()->bytes() <= std::max<uint64_t>(bytes, 64 * format::kJpegMaxGroupBlocks));
-    CHECK(scene.block_cache()->decoded() == 0);
+    REQUIRE(scene.jpeg_group_cache() != nullptr);
+    CHECK(scene.jpeg_group_cache()->bytes() <= std::max<uint64_t>(bytes, 64 * format::kJpegMaxGroupBlocks));
+    CHECK(scene.jpeg_group_cache()->decoded() == 0);
     for (const uint32_t width : {60u, 240u, 700u}) {  // coarse levels, middle levels, and magnified
       INFO(bytes << " bytes, " << width << " pixels");
       const auto expected = draw(whole, width, 1, 1);
@@ -87,10 +87,10 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
     }
     if (bytes < 40001) continue;
     // The cache persists: blocks that were used before are not decoded again.
-    const uint64_t decoded = scene.block_cache()->decoded();
+    const uint64_t decoded = scene.jpeg_group_cache()->decoded();
     CHECK(decoded > 0);
     (void)draw(scene, 700, 1, 2);
-    CHECK(scene.block_cache()->decoded() == decoded);
+    CHECK(scene.jpeg_group_cache()->decoded() == decoded);
   }
 }
 
@@ -191,7 +191,7 @@ TEST_CASE("groups larger than a cache's slots are decoded where they are sampled
   const OpenJpeg jpeg(100, 80);
   const format::JpegPicture picture = jpeg.picture();
   const uint32_t bytes = format::jpeg_group_bytes(picture);
-  BlockCache large(100 * bytes, bytes), small(100 * bytes, bytes - 64);
+  JpegGroupCache large(100 * bytes, bytes), small(100 * bytes, bytes - 64);
   uint64_t wrong = 0;
   for (uint32_t i = 0; i < 3000; ++i) {
     const uint32_t x[2] = {i * 7 % 100, (i * 7 + i % 3) % 100}, y[2] = {i * 13 % 80, (i * 13 + i % 2) % 80};
@@ -229,9 +229,9 @@ TEST_CASE("a block cache gives every group's samples to every thread", "[jpeg_te
   for (uint32_t group = 0; group < expected.size(); ++group)
     format::decode_jpeg_group(levels[0].picture, group, expected[group].data());
   for (const uint64_t slots : {uint64_t{1}, uint64_t{7}, uint64_t{64}, 40 * uint64_t{expected.size()}}) {
-    BlockCache cache(slots * bytes, bytes);
+    JpegGroupCache cache(slots * bytes, bytes);
     CHECK(cache.slots() <= slots);
-    CHECK(cache.slots() + BlockCache::kWays > slots);
+    CHECK(cache.slots() + JpegGroupCache::kWays > slots);
     std::atomic<uint64_t> wrong{0};
     const auto look = [&](uint32_t step) {
       for (uint32_t i = 0; i < 4 * expected.size(); ++i) {

@@ -27,7 +27,7 @@ void check_indexable(const Bytes& file) {
 
 void check_transcode(const Bytes& file) {
   GuardedBytes guarded(file);
-  const auto transcoded = must(runtime::transcode_jpeg(guarded.bytes()));
+  const auto transcoded = must(convert::transcode_jpeg(guarded.bytes()));
   const auto before = scree::tests::read_coefficients(file);
   const auto after = scree::tests::read_coefficients(transcoded.file);
   REQUIRE(before.size() == after.size());
@@ -65,7 +65,7 @@ TEST_CASE("progressive, arithmetic and several-scan JPEGs keep their coefficient
   }
   JpegRecipe recipe = colour_recipe({{2, 2}, {1, 1}, {1, 1}});
   recipe.is_progressive = true;
-  CHECK(runtime::transcode_jpeg(make_jpeg(recipe))->note ==
+  CHECK(convert::transcode_jpeg(make_jpeg(recipe))->note ==
         "progressive, stored as baseline with the same coefficients");
 }
 
@@ -79,7 +79,7 @@ TEST_CASE("a progressive JPEG that is cut anywhere is an error, never a picture"
     const Bytes file = make_jpeg(recipe);
     for (size_t size = 0; size + 2 < file.size(); ++size) {
       GuardedBytes guarded(std::span<const std::byte>(file).first(size));
-      const auto transcoded = runtime::transcode_jpeg(guarded.bytes());
+      const auto transcoded = convert::transcode_jpeg(guarded.bytes());
       if (transcoded) FAIL("a prefix of " << size << " bytes is taken");
       if (transcoded.error().message.rfind("JPEG: byte ", 0) != 0) FAIL(transcoded.error().message);
     }
@@ -87,7 +87,7 @@ TEST_CASE("a progressive JPEG that is cut anywhere is an error, never a picture"
 }
 
 TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocated", "[jpeg_transcode]") {
-  const auto message = [](const Bytes& file) { return refusal(runtime::transcode_jpeg(file)).message; };
+  const auto message = [](const Bytes& file) { return refusal(convert::transcode_jpeg(file)).message; };
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}});
   recipe.is_progressive = true;
   Bytes file = make_jpeg(recipe);
@@ -106,14 +106,14 @@ TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocate
   huge[frame + 5] = huge[frame + 7] = std::byte{0x3f};
   CHECK(message(huge).find("expected at least one bit per block") != std::string::npos);
   Bytes wide = set(11, 0x33);
-  CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks per MCU
+  CHECK(convert::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks per MCU
   CHECK(message(make_jpeg(colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}}))) == "JPEG: 4 components (CMYK)");
 }
 
 TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}});
   const Bytes file = make_jpeg(recipe);
-  const auto coded = must(runtime::reencode_jpeg(file, 95));
+  const auto coded = must(convert::reencode_jpeg(file, 95));
   CHECK(coded.note == "4 components (CMYK), decoded and encoded again with quality 95");
   check_indexable(coded.file);
   const auto before = runtime::decode_image(file);
@@ -129,7 +129,7 @@ TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
   while (file[frame] != std::byte{0xff} || file[frame + 1] != std::byte{0xc0}) ++frame;
   Bytes huge = file;
   for (size_t i = 5; i < 9; ++i) huge[frame + i] = std::byte{0x3f};
-  const Error error = refusal(runtime::reencode_jpeg(huge, 95));
+  const Error error = refusal(convert::reencode_jpeg(huge, 95));
   CHECK(error.code == ErrorCode::kTruncated);
   CHECK(error.message.find("expected at least one bit per block") != std::string::npos);
 }
@@ -150,13 +150,13 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
         ++transcoded;
         break;
       case JpegTreatment::kReencode: {
-        check_indexable(must(runtime::reencode_jpeg(file, 90)).file);
+        check_indexable(must(convert::reencode_jpeg(file, 90)).file);
         ++coded;
         break;
       }
       case JpegTreatment::kRefuse:
-        CHECK(runtime::transcode_jpeg(file).error().code == ErrorCode::kUnsupported);
-        CHECK(runtime::reencode_jpeg(file, 90).error().code == ErrorCode::kUnsupported);
+        CHECK(convert::transcode_jpeg(file).error().code == ErrorCode::kUnsupported);
+        CHECK(convert::reencode_jpeg(file, 90).error().code == ErrorCode::kUnsupported);
         ++refused;
         break;
     }
@@ -172,7 +172,7 @@ TEST_CASE("damaged JPEG files never take the transcoder past its limits", "[jpeg
   uint32_t refused = 0;
   for (const std::filesystem::path& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
-    const auto transcoded = runtime::transcode_jpeg(read_bytes(path));
+    const auto transcoded = convert::transcode_jpeg(read_bytes(path));
     refused += !transcoded;
     if (transcoded) check_indexable(transcoded->file);
   }

@@ -184,7 +184,7 @@ Result<std::vector<std::byte>> grey_jpeg() {
   runtime::Image image;
   image.width = image.height = 1;
   image.rgba = {128, 128, 128, 255};
-  return runtime::encode_jpeg(image, 90, true);
+  return encode_jpeg(image, 90, true);
 }
 
 /// Encodes a file of another kind as a JPEG.
@@ -197,12 +197,12 @@ Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32
     warning += (warning.empty() ? "" : "; ") + std::string("alpha is left out");
     break;
   }
-  return runtime::encode_jpeg(image, quality, channels <= 2);
+  return encode_jpeg(image, quality, channels <= 2);
 }
 
 Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning,
                                 runtime::TexelCoding coding = runtime::TexelCoding::kColor) {
-  runtime::IndexedJpeg indexed = SCREE_TRY(runtime::index_jpeg(file));
+  convert::IndexedJpeg indexed = SCREE_TRY(convert::index_jpeg(file));
   const format::JpegIndex index = SCREE_TRY(format::open_jpeg_index(indexed.bytes));
   StoredImage stored;
   stored.width = index.width;
@@ -210,7 +210,7 @@ Result<StoredImage> index_image(std::span<const std::byte> file, std::string war
   stored.channels = index.component_count;
   stored.warning = std::move(warning);
   if (!indexed.note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed.note;
-  stored.levels = SCREE_TRY(runtime::make_jpeg_levels(index, coding));
+  stored.levels = SCREE_TRY(convert::make_jpeg_levels(index, coding));
   stored.base = std::move(indexed.bytes);
   return stored;
 }

@@ -6,7 +6,7 @@
 #include "format/jpeg/index.h"
 #include "tools/convert/images/jpeg_transcode.h"
 
-namespace scree::runtime {
+namespace scree::convert {
 namespace {
 
 using format::JpegTreatment;
@@ -46,4 +46,4 @@ Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file) try {
   return Error{ErrorCode::kMemory, "JPEG: out of memory"};
 }
 
-}  // namespace scree::runtime
+}  // namespace scree::convert

@@ -8,7 +8,7 @@
 
 #include "format/result.h"
 
-namespace scree::runtime {
+namespace scree::convert {
 
 struct IndexedJpeg {
   std::vector<std::byte> bytes;  // for format::open_jpeg_index
@@ -25,4 +25,4 @@ inline constexpr int kReencodeQuality = 95;  // for pictures that are decoded an
 /// Reentrant.
 Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file);
 
-}  // namespace scree::runtime
+}  // namespace scree::convert

@@ -12,8 +12,15 @@
 #include "runtime/textures/srgb.h"
 #include "tools/convert/images/jpeg_file.h"
 
-namespace scree::runtime {
+namespace scree::convert {
 namespace {
+
+using runtime::JpegCoding;
+using runtime::JpegWriter;
+using runtime::MipRows;
+using runtime::Srgb;
+using runtime::Texel;
+using runtime::TexelCoding;
 
 /// A level's quantisation step: one and a half times the base level's. Small pictures have more detail per pixel; with
 /// equal steps the levels would take half of the base level's bytes, instead of a third.
@@ -62,7 +69,7 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
     codes.clear();
     for (const Texel& texel : row)
       for (size_t c = 0; c < (is_grey ? 1 : 3); ++c)
-        codes.push_back(is_color ? srgb.code(texel[c]) : code_of_number(texel[c]));
+        codes.push_back(is_color ? srgb.code(texel[c]) : runtime::code_of_number(texel[c]));
     if (failure) return;
     if (const Result<void> written = writers[level - 1].row(codes); !written) failure = written.error();
   });
@@ -93,4 +100,4 @@ Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegI
   return Error{ErrorCode::kMemory, "JPEG: out of memory"};
 }
 
-}  // namespace scree::runtime
+}  // namespace scree::convert

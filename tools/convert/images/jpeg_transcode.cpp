@@ -8,8 +8,13 @@
 #include "runtime/images/jpeg_errors.h"
 #include "runtime/images/jpeg_writer.h"
 
-namespace scree::runtime {
+namespace scree::convert {
 namespace {
+
+using runtime::Image;
+using runtime::JpegCoding;
+using runtime::JpegErrors;
+using runtime::JpegWriter;
 
 /// Warnings after which libjpeg invents coefficients are treated as errors, because the result replaces the source.
 void on_message(j_common_ptr info, int level) {
@@ -90,7 +95,7 @@ class Transcoder {
 /// Checks the size in the header before libjpeg allocates memory for it, or spends time on it.
 Result<void> check_pixels(const format::JpegHeader& header, uint64_t bytes) {
   const uint64_t pixels = uint64_t{header.width} * header.height;
-  if (pixels > kMaxImagePixels) {
+  if (pixels > runtime::kMaxImagePixels) {
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header.width}) + " x " +
                                         std::to_string(uint32_t{header.height}) + " pixels, expected at most 2^28"};
   }
@@ -98,7 +103,7 @@ Result<void> check_pixels(const format::JpegHeader& header, uint64_t bytes) {
     return Error{ErrorCode::kTruncated,
                  "JPEG: byte " + std::to_string(bytes) + ": the file ends, expected at least one bit per block"};
   }
-  if (!may_hold_pixels(pixels, bytes)) {
+  if (!runtime::may_hold_pixels(pixels, bytes)) {
     return Error{ErrorCode::kTruncated,
                  "JPEG: " + std::to_string(pixels) + " pixels in " + std::to_string(bytes) + " bytes"};
   }
@@ -145,7 +150,7 @@ Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int qualit
   if (verdict.treatment == format::JpegTreatment::kRefuse)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
   SCREE_TRY(check_pixels(header, file.size()));
-  const auto image = SCREE_TRY(decode_image(file));
+  const auto image = SCREE_TRY(runtime::decode_image(file));
   auto coded = SCREE_TRY(encode_jpeg(image, quality));
   TranscodedJpeg result{std::move(coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
                                               ", decoded and encoded again with quality " + std::to_string(quality)};
@@ -153,4 +158,4 @@ Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int qualit
   return result;
 }
 
-}  // namespace scree::runtime
+}  // namespace scree::convert

@@ -9,7 +9,7 @@
 #include "format/result.h"
 #include "runtime/images/image.h"
 
-namespace scree::runtime {
+namespace scree::convert {
 
 struct TranscodedJpeg {
   std::vector<std::byte> file;  // sequential, Huffman, 8 bits, one scan
@@ -27,11 +27,11 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file);
 /// Encodes a picture as a JPEG: YCbCr, 4:4:4, or, if `is_grey`, its red channel only; alpha is left out. Uses
 /// JpegWriter. `quality`: 1 to 100 on libjpeg's scale. Errors kUnsupported (a side of more than 65500), kMemory.
 /// Reentrant.
-Result<std::vector<std::byte>> encode_jpeg(const Image& image, int quality, bool is_grey = false);
+Result<std::vector<std::byte>> encode_jpeg(const runtime::Image& image, int quality, bool is_grey = false);
 
 /// Decodes any JPEG that decode_image accepts (format::JpegTreatment::kReencode: CMYK) and encodes it again by
 /// encode_jpeg. The result is not lossless, and its note says so. Memory: the picture, 4 bytes per pixel. Errors as
 /// decode_image. Reentrant.
 Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int quality);
 
-}  // namespace scree::runtime
+}  // namespace scree::convert

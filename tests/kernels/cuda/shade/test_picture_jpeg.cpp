@@ -3,7 +3,7 @@
 #include <random>
 #include <vector>
 
-#include "kernels/cuda/shade/jpeg.h"
+#include "kernels/cuda/shade/picture_jpeg.h"
 #include "runtime/images/image.h"
 #include "runtime/images/jpeg_head.h"
 #include "runtime/images/jpeg_writer.h"

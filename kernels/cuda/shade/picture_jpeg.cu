@@ -1,4 +1,4 @@
-#include "kernels/cuda/shade/jpeg.h"
+#include "kernels/cuda/shade/picture_jpeg.h"
 
 #include <algorithm>
 #include <array>

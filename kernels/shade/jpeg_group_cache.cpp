@@ -1,4 +1,4 @@
-#include "kernels/shade/block_cache.h"
+#include "kernels/shade/jpeg_group_cache.h"
 
 #include <algorithm>
 #include <cassert>
@@ -17,7 +17,7 @@ uint64_t spread(uint64_t key, uint64_t count) {
 
 }  // namespace
 
-BlockCache::BlockCache(uint64_t bytes, uint32_t slot_bytes) : slot_bytes_(slot_bytes) {
+JpegGroupCache::JpegGroupCache(uint64_t bytes, uint32_t slot_bytes) : slot_bytes_(slot_bytes) {
   assert(slot_bytes >= 1 && slot_bytes <= 64 * format::kJpegMaxGroupBlocks);
   const uint64_t slots = std::max<uint64_t>(1, bytes / slot_bytes);
   ways_ = std::min(slots, kWays);
@@ -28,13 +28,13 @@ BlockCache::BlockCache(uint64_t bytes, uint32_t slot_bytes) : slot_bytes_(slot_b
   samples_ = std::make_unique_for_overwrite<uint8_t[]>(keys_.size() * slot_bytes);
 }
 
-void BlockCache::lock(Set& set) {
+void JpegGroupCache::lock(Set& set) {
   while (set.is_held.exchange(true, std::memory_order_acquire))
     while (set.is_held.load(std::memory_order_relaxed)) std::this_thread::yield();
 }
 
 /// Requires that the set is locked. Null if the group is absent.
-const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
+const uint8_t* JpegGroupCache::find(uint64_t set, uint64_t key) {
   for (uint64_t slot = set * ways_; slot < (set + 1) * ways_; ++slot) {
     if (keys_[slot] != key) continue;
     stamps_[slot] = ++sets_[set].clock;
@@ -43,7 +43,8 @@ const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
   return nullptr;
 }
 
-const uint8_t* BlockCache::hold(const format::JpegPicture& picture, uint32_t level, uint32_t group, uint64_t& place) {
+const uint8_t* JpegGroupCache::hold(const format::JpegPicture& picture, uint32_t level, uint32_t group,
+                                    uint64_t& place) {
   assert(format::jpeg_group_bytes(picture) <= slot_bytes_);
   const uint64_t key = uint64_t{level} << 32 | group;
   place = spread(key, set_count_);
@@ -73,12 +74,12 @@ const uint8_t* BlockCache::hold(const format::JpegPicture& picture, uint32_t lev
   return out;
 }
 
-void BlockCache::release(uint64_t place) {
+void JpegGroupCache::release(uint64_t place) {
   sets_[place].is_held.store(false, std::memory_order_release);
 }
 
-void BlockCache::fetch(const format::JpegPicture& picture, uint32_t level, const uint32_t x[2], const uint32_t y[2],
-                       uint32_t colours[4]) {
+void JpegGroupCache::fetch(const format::JpegPicture& picture, uint32_t level, const uint32_t x[2], const uint32_t y[2],
+                           uint32_t colours[4]) {
   format::JpegPlace places[4];
   for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(picture, x[i % 2], y[i / 2]);
   const bool fits = format::jpeg_group_bytes(picture) <= slot_bytes_;

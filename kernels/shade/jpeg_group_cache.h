@@ -12,15 +12,15 @@
 namespace scree::kernels {
 
 /// Sets of up to kWays groups. A new group replaces the least recently used one of its set.
-class BlockCache {
+class JpegGroupCache {
  public:
   static constexpr uint64_t kWays = 8;
 
   /// `bytes`: of samples, rounded down to whole slots, at least one. `slot_bytes`: of the largest group, at most 64 *
   /// kJpegMaxGroupBlocks. Throws std::bad_alloc.
-  BlockCache(uint64_t bytes, uint32_t slot_bytes);
-  BlockCache(const BlockCache&) = delete;
-  BlockCache& operator=(const BlockCache&) = delete;
+  JpegGroupCache(uint64_t bytes, uint32_t slot_bytes);
+  JpegGroupCache(const JpegGroupCache&) = delete;
+  JpegGroupCache& operator=(const JpegGroupCache&) = delete;
 
   /// The samples of a group (below the picture's number of groups), decoded if they are absent. They are valid until
   /// release(place). Until then other threads wait for the set, and the calling thread must hold no other group.
