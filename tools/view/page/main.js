@@ -1,10 +1,10 @@
 // The page. It has the camera and the settings; pictures come from the server (worker.js).
-import {addressOf, commandOf, readAddress} from './address.js';
-import {alongPath, between, Camera} from './camera.js';
+import {addressOf, commandOf, kDefaults, readAddress} from './address.js';
+import {alongPath, between, Camera, clamped, kFarthest} from './camera.js';
 import {ClipBox} from './clip_box.js';
 import {Controls} from './controls.js';
 import {$, copy, element, fill, saveFile, toast} from './elements.js';
-import {lengthText, Overlay} from './overlay.js';
+import {coordinateText, lengthText, Overlay} from './overlay.js';
 import {Bookmarks, KeyPath} from './saved_views.js';
 import {bytesText, countText, Stats} from './stats.js';
 import {Tree} from './tree.js';
@@ -36,7 +36,7 @@ let picks = [];          // the last two
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
 
-const settings = {show: 'texture', light: true, shadows: false, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
+const settings = {...kDefaults};
 const shows = [...$('show').options].map((option) => option.value);
 
 // --- Messages ---
@@ -119,8 +119,9 @@ function heard(message) {
     case 'viewers': return setViewers(message);
     case 'camera':
       if (message.viewer !== following) return;
-      animation = null;
-      camera.set(message);
+      stopAnimation();
+      camera.fly(message);
+      showFov();
       return changed();
   }
 }
@@ -152,9 +153,10 @@ function seen(point) {
   if (along > 0) depth = along;
 }
 function showPlace(point) {
-  $('place').textContent = point ? point.map((value) => lengthText(value)).join('  ') : '';
+  $('place').textContent = point ? point.map(pointText).join('  ') : '';
 }
 
+const pointText = (value) => coordinateText(value, camera.size);
 // --- Connecting ---
 
 const storageKey = `scree-token:${location.pathname}`;
@@ -216,6 +218,7 @@ function opened(message) {
   if (isFirst) {
     Object.assign(clip, {on: false, box: wholeBox()});
     settings.shadows = scene.shadows;
+    takeOver();
     if (!goToAddress()) camera.set(homePose());
     settings.shadows &&= scene.canCastShadows;
     fillCameras();
@@ -256,10 +259,7 @@ function pointUnder(x, y) {
 
 const controls = new Controls(stage, {
   camera,
-  begin() {
-    stopAnimation();
-    if (following) follow(0);
-  },
+  begin: takeOver,
   changed,
   ended() { clearTimeout(restTimer); restTimer = setTimeout(rest, 20); },
   pointUnder,
@@ -291,8 +291,10 @@ function probe(x, y) {
   }, wait);
 }
 
-function ease(to, ms = kEaseMs) {
-  stopAnimation();
+/// `find`: returns the pose to go to.
+function ease(find, ms = kEaseMs) {
+  takeOver();
+  const to = find();
   animation = {from: camera.pose(), to, start: performance.now(), ms: reduced ? 0 : ms};
   requestAnimationFrame(animate);
 }
@@ -302,9 +304,15 @@ function stopAnimation() {
 }
 function animate(time) {
   if (!animation) return;
+/// To be called before the user moves the camera.
+function takeOver() {
+  stopAnimation();
+  if (following) follow(0);
+  camera.stand();
+}
   if (animation.keys) {
     const seconds = (time - animation.start) / 1000;
-    camera.set(alongPath(animation.keys, seconds));
+    camera.fly(alongPath(animation.keys, seconds));
     if (seconds >= animation.keys.at(-1).t) stopAnimation();
   } else {
     const t = animation.ms > 0 ? Math.min(1, Math.max(0, (time - animation.start) / animation.ms)) : 1;
@@ -361,7 +369,7 @@ function picked(message) {
     if (!message.hit) return;
     // Flies half the way to the point, which moves to the middle of the picture.
     const eye = mix(camera.eye, message.point, 0.5);
-    return ease({...camera.pose(), eye, target: message.point});
+    return ease(() => ({...camera.pose(), eye, target: message.point}));
   }
   if (!message.hit) return unpick();
   picks = [...picks, message].slice(-2);
@@ -387,7 +395,7 @@ function showPick() {
   const box = last.box, side = (k) => distance(box[0], box[1 << k]);
   const rows = [['Node', named(last.node, last.nodeName)], ['Mesh', named(last.mesh, last.meshName)], ['Triangle', `${last.triangle}`],
     ['Material', last.material === undefined ? 'default' : named(last.material, last.materialName)], ['Instance', `${last.instance}`],
-    ['Point', last.point.map(lengthText).join(', ')], ['Distance', lengthText(distance(last.point, camera.eye))],
+    ['Point', last.point.map(pointText).join(', ')], ['Distance', lengthText(distance(last.point, camera.eye))],
     ['Box', [0, 1, 2].map((k) => lengthText(side(k))).join(' × ')]];
   if (overlay.isMeasured && picks.length === 2) {
     const d = sub(picks[1].point, picks[0].point);
@@ -449,7 +457,7 @@ function follow(viewer) {
 /// The scene's box, enlarged by a thousandth so that surfaces in its faces are inside.
 function wholeBox() {
   const {boxMin: low = [-1, -1, -1], boxMax: high = [1, 1, 1]} = scene, more = 1e-3 * camera.size;
-  return [...low.map((value) => value - more), ...high.map((value) => value + more)];
+  return [...low.map((value) => value - more), ...high.map((value) => value + more)].map((value) => clamped(value, -kFarthest, kFarthest));
 }
 const clip = new ClipBox(overlay, {
   changed,
@@ -461,6 +469,7 @@ const clip = new ClipBox(overlay, {
   },
   step: () => 0.01 * Math.max(depth, 1e-3 * camera.size),
 });
+  text: pointText,
 $('clip').addEventListener('change', (event) => { if (scene) clip.set(event.target.checked); });
 
 // --- Settings ---
@@ -494,10 +503,11 @@ $('edl-strength').addEventListener('input', (event) => set({edlStrength: Number(
 $('edl-radius').addEventListener('input', (event) => set({edlRadius: Number(event.target.value)}));
 $('background').addEventListener('input', (event) => set({background: event.target.value}));
 $('samples').addEventListener('click', (event) => { if (event.target.dataset.value) set({samples: Number(event.target.dataset.value)}); });
-$('fov').addEventListener('input', (event) => { camera.fov = Number(event.target.value); showFov(); changed(event.timeStamp); });
+$('fov').addEventListener('input', (event) => { takeOver(); camera.fov = Number(event.target.value); showFov(); changed(event.timeStamp); });
 $('z-up').addEventListener('change', (event) => {
   camera.worldUp = event.target.checked ? [0, 0, 1] : [0, 1, 0];
-  if (scene) ease(homePose());
+  takeOver();
+  if (scene) ease(homePose);
 });
 
 // --- Saved views: address, command, bookmarks, paths ---
@@ -516,7 +526,7 @@ function goToAddress() {
 const command = () => commandOf(scene, size, camera.pose(), exactSamples || settings.samples, settings, clip, `${baseName()}.png`);
 const baseName = () => scene.name.replace(/\.scree$/, '');
 
-const poses = {pose: () => camera.pose(), go: (pose) => ease(pose, 700)};
+const poses = {pose: () => camera.pose(), go: (pose) => ease(() => pose, 700)};
 const bookmarks = new Bookmarks(poses), path = new KeyPath(poses);
 function fillCameras() {
   $('cameras-part').hidden = scene.cameras.length === 0;
@@ -530,7 +540,7 @@ function setPlaying(on) {
 function play() {
   if (playing) return stopAnimation();
   if (path.keys.length < 2) return toast('A path needs two keys: K adds this view.');
-  stopAnimation();
+  takeOver();
   animation = {keys: path.keys, start: performance.now()};
   setPlaying(true);
   requestAnimationFrame(animate);
@@ -539,15 +549,15 @@ function play() {
 // --- Actions of buttons and keys ---
 
 const actions = {
-  home: () => ease(homePose()),
-  focus: () => ease(picks.length ? frame(pickedBox()) : homePose()),
+  home: () => ease(homePose),
+  focus: () => ease(() => picks.length ? frame(pickedBox()) : homePose()),
   bookmark: () => bookmarks.add(),
   link: () => { writeAddress(); copy(location.href, 'Link'); },
   command: () => copy(command(), tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command'),
   stats: () => toggle('stats', 'stats', () => stats.draw()),
   panel: () => toggle('panel', 'panel'),
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
-  axis: (button) => ease(axisPose(button.dataset.axis)),
+  axis: (button) => ease(() => axisPose(button.dataset.axis)),
   unpick,
   'clip-reset': () => clip.set(clip.on, wholeBox()),
   hide: () => { if (picks.length) tree.toggle(picks.at(-1).node); },
@@ -588,7 +598,7 @@ addEventListener('keydown', (event) => {
   if (!scene) return;
   if (event.code === 'Tab' && event.shiftKey) return;
   if (!event.repeat && letters[event.code]) return take(event, actions[letters[event.code]]);
-  if (axes[event.code]) return take(event, () => ease(axisPose(axes[event.code][event.shiftKey ? 1 : 0])));
+  if (axes[event.code]) return take(event, () => ease(() => axisPose(axes[event.code][event.shiftKey ? 1 : 0])));
   if (event.repeat && !(event.code in {KeyW: 1, KeyA: 1, KeyS: 1, KeyD: 1, KeyQ: 1, KeyE: 1, ArrowUp: 1, ArrowDown: 1, ArrowLeft: 1, ArrowRight: 1})) return;
   switch (event.code) {
     case 'KeyV': return take(event, () => set({show: shows[(shows.indexOf(settings.show) + (event.shiftKey ? shows.length - 1 : 1)) % shows.length]}));
@@ -603,8 +613,7 @@ addEventListener('keydown', (event) => {
   }
   if (!event.target.matches?.('input, select')) {
     if (controls.key(event)) {
-      stopAnimation();
-      if (following) follow(0);
+      takeOver();
       event.preventDefault();
     }
   }
@@ -619,8 +628,8 @@ function take(event, action) {
 /// For tests, and for scripts in a browser's console.
 const pixelReaders = [];
 window.scree = {
-  camera, settings, set, setClip: (on, box) => clip.set(on, box), clip: () => ({on: clip.on, box: clip.box}), command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
-  go(pose) { stopAnimation(); camera.set(pose); showFov(); changed(); },
+  camera, settings, tree, path, set, setClip: (on, box) => clip.set(on, box), clip: () => ({on: clip.on, box: clip.box}), command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
+  go(pose) { takeOver(); camera.set(pose); showFov(); changed(); },
   latencies: stats.latencies,
   rows: stats.rows,
   pixels: () => new Promise((resolve) => { pixelReaders.push(resolve); worker.postMessage({type: 'read'}); }),
