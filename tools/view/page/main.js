@@ -33,6 +33,7 @@ let hover = null;        // {x, y, point}: the newest point under the cursor fro
 let depth = 1;           // along the view, of the last known point; used if the cursor is on the background
 let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
+const shotSamples = new Map();  // by number of a screenshot: the samples that were chosen
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
 
@@ -97,7 +98,7 @@ worker.onmessage = ({data}) => {
     case 'text': return heard(data.message);
     case 'frame': return shown(data);
     case 'state': return setState(data);
-    case 'screenshot': return saveFile(new Blob([data.bytes], {type: 'image/png'}), `${baseName()}.png`);
+    case 'screenshot': return saveShot(data);
     case 'trouble': return toast(data.message, true);
     case 'pixels': return pixelReaders.splice(0).forEach((resolve) => resolve(data));
   }
@@ -155,8 +156,8 @@ function seen(point) {
 function showPlace(point) {
   $('place').textContent = point ? point.map(pointText).join('  ') : '';
 }
-
 const pointText = (value) => coordinateText(value, camera.size);
+
 // --- Connecting ---
 
 const storageKey = `scree-token:${location.pathname}`;
@@ -174,10 +175,10 @@ function setState({state, reason}) {
   isConnected = state === 'open';
   document.documentElement.dataset.state = reason ?? state;
   if (state === 'connecting') {
-    isConnected = true;  // the worker sends nothing before the socket is open
     if (!scene) cover('Connecting', location.host);
     return;
   }
+  if (isConnected) return void (following = 0);  // the server numbers viewers anew
   if (reason === 'token') return askForToken('This address has no valid token', 'Open the address that scree view printed, or paste it here.');
   const [title, text] = kStates[reason];
   cover(title, text, {spin: reason !== 'full' && reason !== 'refused', button: true});
@@ -209,28 +210,29 @@ $('token-form').addEventListener('submit', (event) => {
 $('cover-button').addEventListener('click', () => connect(localStorage.getItem(storageKey) ?? ''));
 
 function opened(message) {
-  const isFirst = !scene || scene.file !== message.file;
+  const hasOther = (...names) => names.some((name) => scene?.[name] !== message[name]);
+  const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;
   $('scene-name').textContent = scene.name;
   $('scene-facts').textContent = `${countText(scene.triangles)} triangles in ${countText(scene.instances)} instances, on ${scene.drawnOn}`;
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
+    takeOver();
     Object.assign(clip, {on: false, box: wholeBox()});
     settings.shadows = scene.shadows;
-    takeOver();
-    if (!goToAddress()) camera.set(homePose());
-    settings.shadows &&= scene.canCastShadows;
-    fillCameras();
+    camera.set(homePose());
     bookmarks.read(`scree-bookmarks:${scene.file}:${scene.scene}`);
   }
+  if (isOther) {
+    tree.forget();
+    $('tree-count').textContent = '';
+    unpick();
+    fillCameras();
+  }
   if (tree.hidden.size || tree.only.size) send({type: 'hide', hidden: [...tree.hidden], only: [...tree.only]});
-  if ($('tree-part').open) needTree(true);
-  depth = distance(camera.eye, camera.target);
-  showSettings();
-  clip.show();
-  drawOverlay();
-  refresh();
+  goToAddress();
+  if ($('tree-part').open) needTree(true);  // the server answers only after a view
 }
 
 // --- Size ---
@@ -302,14 +304,14 @@ function stopAnimation() {
   animation = null;
   if (playing) setPlaying(false);
 }
-function animate(time) {
-  if (!animation) return;
 /// To be called before the user moves the camera.
 function takeOver() {
   stopAnimation();
   if (following) follow(0);
   camera.stand();
 }
+function animate(time) {
+  if (!animation) return;
   if (animation.keys) {
     const seconds = (time - animation.start) / 1000;
     camera.fly(alongPath(animation.keys, seconds));
@@ -408,10 +410,11 @@ function showPick() {
 
 const tree = new Tree($('tree'), $('tree-search'), {
   changed(hidden, only) {
-    if (hidden.length + only.length > 1000) return toast('At most 1000 nodes can be hidden one by one.', true);
+    if (hidden.length > 1000) return toast('At most 1000 nodes can be hidden one by one.', true);
     send({type: 'hide', hidden, only});
     $('tree-count').textContent = hidden.length || only.length ? 'some hidden' : treeCount();
     refresh();
+    return true;
   },
 });
 $('tree').addEventListener('click', (event) => event.target.focus?.());
@@ -423,10 +426,8 @@ $('tree-part').addEventListener('toggle', () => { if ($('tree-part').open) needT
 function loadTree(message) {
   tree.load(message);
   $('tree-count').textContent = treeCount();
-  if (message.total > message.names.length) {
-    $('tree-hint').hidden = false;
-    $('tree-hint').textContent = `The first ${countText(message.names.length)} of ${countText(message.total)} nodes.`;
-  }
+  $('tree-hint').hidden = message.total <= message.names.length;
+  $('tree-hint').textContent = `The first ${countText(message.names.length)} of ${countText(message.total)} nodes.`;
   if (picks.length > 0) tree.reveal(picks.at(-1).node);
 }
 
@@ -468,8 +469,8 @@ const clip = new ClipBox(overlay, {
     return [x * stage.clientWidth, y * stage.clientHeight];
   },
   step: () => 0.01 * Math.max(depth, 1e-3 * camera.size),
-});
   text: pointText,
+});
 $('clip').addEventListener('change', (event) => { if (scene) clip.set(event.target.checked); });
 
 // --- Settings ---
@@ -505,8 +506,8 @@ $('background').addEventListener('input', (event) => set({background: event.targ
 $('samples').addEventListener('click', (event) => { if (event.target.dataset.value) set({samples: Number(event.target.dataset.value)}); });
 $('fov').addEventListener('input', (event) => { takeOver(); camera.fov = Number(event.target.value); showFov(); changed(event.timeStamp); });
 $('z-up').addEventListener('change', (event) => {
-  camera.worldUp = event.target.checked ? [0, 0, 1] : [0, 1, 0];
   takeOver();
+  camera.worldUp = event.target.checked ? [0, 0, 1] : [0, 1, 0];
   if (scene) ease(homePose);
 });
 
@@ -515,13 +516,22 @@ $('z-up').addEventListener('change', (event) => {
 function writeAddress() {
   if (scene) history.replaceState(null, '', `#${addressOf(camera.pose(), settings, clip)}`);
 }
-/// Sets the view of the address. Returns false if there is none.
+/// Sets the view of the newest address, once, and shows the camera and all settings.
 function goToAddress() {
-  const view = readAddress(firstHash, shows);
-  Object.assign(settings, view.settings);
-  if (view.box) Object.assign(clip, {on: true, box: view.box});
-  if (view.pose) camera.set(view.pose);
-  return view.pose !== null;
+  if (['v', 'e', 'm', 'o', 'c'].some((letter) => hash.has(letter))) {
+    takeOver();
+    const view = readAddress(hash, shows);
+    Object.assign(settings, view.settings);
+    Object.assign(clip, view.box ? {on: true, box: view.box} : {on: false});
+    if (view.pose) camera.set(view.pose);
+  }
+  hash = new URLSearchParams();
+  settings.shadows &&= scene.canCastShadows;
+  depth = distance(camera.eye, camera.target);
+  showSettings();
+  clip.show();
+  drawOverlay();
+  refresh();
 }
 const command = () => commandOf(scene, size, camera.pose(), exactSamples || settings.samples, settings, clip, `${baseName()}.png`);
 const baseName = () => scene.name.replace(/\.scree$/, '');
@@ -553,7 +563,7 @@ const actions = {
   focus: () => ease(() => picks.length ? frame(pickedBox()) : homePose()),
   bookmark: () => bookmarks.add(),
   link: () => { writeAddress(); copy(location.href, 'Link'); },
-  command: () => copy(command(), tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command'),
+  command: () => copyCommand(command()),
   stats: () => toggle('stats', 'stats', () => stats.draw()),
   panel: () => toggle('panel', 'panel'),
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
@@ -569,11 +579,27 @@ const actions = {
   'load-path': () => $('path-file').click(),
   'clear-path': () => path.clear(),
   screenshot() {
-    const [width, height] = $('shot-size').value === 'view' ? [size.width, size.height] : $('shot-size').value.split('x').map(Number);
-    send({type: 'screenshot', id: ++shotId, width, height, samples: Number($('shot-samples').value)});
+    if (!isConnected) return toast('There is no connection to the server.', true);
+    const {width, height, samples} = chosenShot();
+    send({type: 'screenshot', id: ++shotId, width, height, samples});
+    shotSamples.set(shotId, samples);
     toast(`Rendering ${width} × ${height}…`);
   },
+  'shot-command'() {
+    const {samples, ...shot} = chosenShot();
+    copyCommand(commandOf(scene, shot, camera.pose(), samples, settings, clip, `${baseName()}.png`));
+  },
 };
+function chosenShot() {
+  const [width, height] = $('shot-size').value === 'view' ? [size.width, size.height] : $('shot-size').value.split('x').map(Number);
+  return {width, height, samples: Number($('shot-samples').value)};
+}
+function saveShot({head, bytes}) {
+  const wanted = shotSamples.get(head.id), side = (samples) => samples > 1 ? `${samples}×${samples}` : '1';
+  shotSamples.delete(head.id);
+  saveFile(new Blob([bytes], {type: 'image/png'}), `${baseName()}.png`, head.samples < wanted ? `, with ${side(head.samples)} samples instead of ${side(wanted)}, which are too many for this size` : '');
+}
+const copyCommand = (text) => copy(text, tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command');
 function toggle(id, action, then) {
   $(id).hidden = !$(id).hidden;
   document.querySelector(`#tools [data-do=${action}]`).setAttribute('aria-pressed', String(!$(id).hidden));
@@ -635,9 +661,19 @@ window.scree = {
   pixels: () => new Promise((resolve) => { pixelReaders.push(resolve); worker.postMessage({type: 'read'}); }),
 };
 
-const firstHash = new URLSearchParams(location.hash.slice(1));
-const token = firstHash.get('token') ?? localStorage.getItem(storageKey);
-if (firstHash.has('token')) history.replaceState(null, '', location.pathname);
+let hash = new URLSearchParams();  // of the newest address, until its view is set
+/// Returns the token of the address, which then no longer has it.
+function takeToken() {
+  hash = new URLSearchParams(location.hash.slice(1));
+  if (hash.has('token')) history.replaceState(null, '', location.pathname);
+  return hash.get('token');
+}
+addEventListener('hashchange', () => {
+  const token = takeToken();
+  if (token !== null) return connect(token);
+  if (scene) goToAddress();
+});
+const token = takeToken() ?? localStorage.getItem(storageKey);
 
 const place = new URL('ws', location.href);
 place.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
