@@ -6,7 +6,7 @@ import {Controls} from './controls.js';
 import {$, copy, element, fill, saveFile, toast} from './elements.js';
 import {coordinateText, lengthText, Overlay} from './overlay.js';
 import {Bookmarks, KeyPath} from './saved_views.js';
-import {bytesText, countText, Stats} from './stats.js';
+import {bytesText, counted, countText, Stats} from './stats.js';
 import {Tree} from './tree.js';
 import {add, distance, dot, mix, scale, sub} from './vector.js';
 
@@ -214,7 +214,7 @@ function opened(message) {
   const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;
   $('scene-name').textContent = scene.name;
-  $('scene-facts').textContent = `${countText(scene.triangles)} triangles in ${countText(scene.instances)} instances, on ${scene.drawnOn}`;
+  $('scene-facts').textContent = `${counted(scene.triangles, 'triangle')} in ${counted(scene.instances, 'instance')}, on ${scene.drawnOn}`;
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
@@ -609,7 +609,7 @@ document.addEventListener('click', (event) => {
   const button = event.target.closest?.('[data-do]');
   if (!button || (!scene && !['help', 'panel', 'stats'].includes(button.dataset.do))) return;
   actions[button.dataset.do](button);
-  button.blur();
+  if (event.detail > 0) button.blur();  // a key's click leaves the focus where it is
 });
 
 const letters = {KeyH: 'home', KeyF: 'focus', KeyB: 'bookmark', KeyP: 'link', KeyC: 'command', KeyG: 'screenshot', KeyK: 'key', Space: 'play', Backquote: 'stats', Tab: 'panel'};
@@ -620,6 +620,7 @@ addEventListener('keydown', (event) => {
     if (event.key === 'Escape') event.target.blur();
     return;
   }
+  if (event.code === 'Space' && event.target.matches?.('button, summary, input')) return;
   if (event.key === '?') return take(event, actions.help);
   if (!scene) return;
   if (event.code === 'Tab' && event.shiftKey) return;
