@@ -1,7 +1,8 @@
 // Uses the page of scree view as a person would: node page.mjs PROGRAM SCENE FOLDER SUNNY_SCENE. Prints a line per check.
 // Exit code 1 if one fails, 77 if there is no browser.
 import assert from 'node:assert/strict';
-import {readFileSync} from 'node:fs';
+import {readFileSync, writeFileSync} from 'node:fs';
+import {connect, createServer} from 'node:net';
 import {join} from 'node:path';
 
 const [program, scene, folder, sunny] = process.argv.slice(2);
@@ -165,8 +166,9 @@ await check('a clipping box cuts as in scree render, by its switch, sliders, han
 await check('the sun casts the shadows of scree render, by its switch and by the address', async () => {
   assert.ok(await page.isDisabled('#shadows'));
   assert.match(await page.textContent('#shadows-hint'), /no directional light/);
-  const served = await serve(program, sunny, ['--light', 'scene', '--exposure', '-0.5']);
-  const lit = await open(browser, served.url);
+  const served = await serve(program, sunny, ['--light', 'scene', '--exposure', '-0.5', '--blend-layers', '3']);
+  const small = {viewport: {width: 730, height: 250}};
+  const lit = await open(browser, served.url, small);
   await rests(lit);
   await isExact(lit, 1);  // more samples may have arrived
   const before = await pixels(lit);
@@ -175,10 +177,10 @@ await check('the sun casts the shadows of scree render, by its switch and by the
   await isExact(lit, 1);
   const shadowed = await pixels(lit);
   assert.ok(differs(before.bytes, shadowed.bytes) > 300, 'no shadows');
-  assert.match(await lit.evaluate(() => scree.command()), /--light scene --exposure -0.5 --shadows/);
+  assert.match(await lit.evaluate(() => scree.command()), /--light scene --exposure -0.5 --blend-layers 3 --shadows/);
   const address = await lit.evaluate(() => location.hash);
   assert.match(address, /o=shadows/);
-  const other = await open(browser, served.url + '&' + address.slice(1));
+  const other = await open(browser, served.url + '&' + address.slice(1), small);
   await rests(other);
   await isExact(other, 1);  // more samples may have arrived
   assert.ok(await other.isChecked('#shadows'));
@@ -187,6 +189,9 @@ await check('the sun casts the shadows of scree render, by its switch and by the
   await changes(lit, () => lit.uncheck('#shadows'));
   await isExact(lit, 1);
   assert.equal(differs(before.bytes, (await pixels(lit)).bytes), 0, 'the shadows stay');
+  await changes(lit, () => lit.uncheck('#light'));
+  assert.match(await lit.evaluate(() => scree.command()), /--no-light --blend-layers 3 /);
+  await isExact(lit, 1);
   assert.deepEqual(lit.problems, []);
   await lit.context().close();
   await served.end();
@@ -201,6 +206,59 @@ await check('pictures of another size and for a screen with small pixels are exa
   await isExact(fine, 1);
   await fine.context().close();
 });
+await check('a path file is flown as scree render --path draws it, and other files are refused', async () => {
+  const keys = [{t: 0, eye: [0, 0, 4], target: [0, 0, 0], fov: 20}, {t: 1, eye: [1, 1, 4], target: [0, 0, 0], up: [1, 2, 0], fov: 20},
+    {t: 2, matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1], fov: 80, name: 'last but one'}, {t: 3, eye: [0, 0, 3], target: [0.5, 0, 0], fov: 80}];
+  const file = {format: 'scree camera path', version: 1, fps: 2, keys};
+  const load = (text) => page.setInputFiles('#path-file', {name: 'path.json', mimeType: 'application/json', buffer: Buffer.from(text)});
+  await load(JSON.stringify(file));
+  await page.waitForFunction(() => scree.path.keys.length === 4);
+  writeFileSync(join(folder, 'path.json'), JSON.stringify(file));
+  const command = (await page.evaluate(() => scree.command())).replace(/--(eye|target|up)=\S+|--fov \S+|--samples \d/g, '');
+  render(program, `${command} --path '${join(folder, 'path.json').replaceAll("'", "'\\''")}'`, join(folder, 'path%d.png'));
+  for (const time of [0.5, 2.5]) {  // seconds
+    const fov = await page.evaluate(async (time) => {
+      const {alongPath} = await import(new URL('camera.js', location.href).href);
+      scree.camera.fly(alongPath(scree.path.keys, time));
+      scree.set({samples: 1});
+      return scree.camera.fov;
+    }, time);
+    assert.equal(fov, time < 1 ? 20 : 80);
+    await rests(page);
+    assert.equal(differs((await pixels(page)).bytes, await decode(page, readFileSync(join(folder, `path${2 * time}.png`)))), 0, `${time} s`);
+  }
+  for (const [text, reason] of [['{', /not JSON/], [JSON.stringify({...file, version: 2}), /version/], [JSON.stringify({...file, keys: []}), /no keys/],
+    [JSON.stringify({...file, keys: [keys[1], {...keys[3], t: 1}]}), /key 1 is not later/], [JSON.stringify({...file, keys: [{...keys[0], fov: '45'}]}), /key 0 fov/],
+    [JSON.stringify({...file, keys: [{...keys[0], eye: [1e16, 0, 0]}]}), /key 0 eye/]]) {
+    await load(text);
+    await page.locator('.toast', {hasText: reason}).waitFor();
+  }
+  assert.equal(await page.evaluate(() => scree.path.keys.length), 4);
+});
+await check('Space acts on the focused control, and otherwise plays the path', async () => {
+  const press = async (selector, key) => {
+    await page.focus(selector);
+    await page.keyboard.press(key);
+    assert.equal(await page.textContent('#play'), 'Play', selector);
+  };
+  await press('#ssao', 'Space');
+  assert.ok(await page.isChecked('#ssao'));
+  await press('#ssao', 'Space');
+  await press('#samples button:nth-child(2)', 'Space');
+  assert.equal(await page.evaluate(() => scree.settings.samples), 2);
+  await press('#samples button:nth-child(1)', 'Enter');
+  assert.equal(await page.evaluate(() => scree.settings.samples), 1);
+  await press('#picked-part > summary', 'Space');
+  assert.ok(!await page.evaluate(() => document.getElementById('picked-part').open));
+  await press('#tools [data-do=stats]', 'Space');
+  await press('#tools [data-do=stats]', 'Enter');
+  assert.ok(!await page.isVisible('#stats'));
+  await page.focus('#stage');
+  for (const text of ['Stop', 'Play']) {
+    await page.keyboard.press('Space');
+    assert.equal(await page.textContent('#play'), text);
+  }
+});
 await check('two pages have their own cameras, and one can follow the other', async () => {
   const other = await open(browser, server.url);
   await rests(other);
@@ -209,25 +267,91 @@ await check('two pages have their own cameras, and one can follow the other', as
   await rests(other);
   assert.deepEqual(await page.evaluate(() => scree.camera.eye), mine);
   await page.evaluate(() => { document.getElementById('viewers-part').open = true; });
-  await page.click('#viewers li button:has-text("Follow")');
+  const follow = '#viewers li button:has-text("Follow")', following = page.locator('#viewers [aria-pressed=true]');
+  await page.focus('#stage');
+  await page.keyboard.press('Space');
+  assert.equal(await page.textContent('#play'), 'Stop');
+  await page.click(follow);
   const theirs = await other.evaluate(() => scree.camera.eye);
   await page.waitForFunction((eye) => Math.hypot(...scree.camera.eye.map((value, i) => value - eye[i])) < 1e-9, theirs);
   await other.evaluate(() => scree.go({...scree.camera.pose(), eye: scree.camera.eye.map((value) => 1.1 * value)}));
   const later = await other.evaluate(() => scree.camera.eye);
   await page.waitForFunction((eye) => Math.hypot(...scree.camera.eye.map((value, i) => value - eye[i])) < 1e-9, later);
+  assert.equal(await page.textContent('#play'), 'Play', 'the path goes on');
+  await page.focus('#stage');
+  for (const key of ['h', 'f', '1', ']', 'w', 'Space']) {
+    await page.keyboard.press(key);
+    assert.equal(await following.count(), 0, key);
+    await page.click(follow);
+    await page.focus('#stage');
+    assert.equal(await following.count(), 1);
+  }
+  await page.keyboard.press('h');
   await other.context().close();
 });
-await check('a link shows the same view', async () => {
+await check('views stay within the limits of the server', async () => {
+  await page.locator('#clip-sides input[type=number]').nth(3).fill('1e300');
+  await changes(page, () => page.keyboard.press('Enter'));
+  assert.equal(await page.evaluate(() => scree.clip().box[3]), 1e15);
+  await page.click('[data-do=clip-reset]');
+  await page.uncheck('#clip');
+  const most = await page.evaluate(() => {
+    const {camera} = scree, before = camera.pose(), far = [];
+    const note = () => far.push(...camera.eye, ...camera.target);
+    for (let i = 0; i < 100; ++i) camera.zoom([0, 0, 0], 10), note();
+    for (let i = 0; i < 100; ++i) camera.move([3e13, 0, 0]), note();
+    camera.orbit([-9e14, 0, 0], 2, 0), note();
+    scree.set({});
+    scree.go({...before, eye: [1e16, 0, 0]}), note();
+    scree.go(before);
+    return far.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+  });
+  assert.ok(most > 1e14 && most <= 1e15, `${most}`);
   await rests(page);
-  await page.waitForFunction(() => location.hash.includes('e='));
+  assert.equal(await page.evaluate(() => document.documentElement.dataset.state), 'open');
+});
+await check('at most 1000 nodes can be hidden one by one, also after a reconnection', async () => {
+  await page.evaluate(() => {
+    const {tree} = scree, all = [...Array(1100).keys()];
+    tree.load({names: all.map(String), parents: all.map(() => 0), triangles: all});
+    tree.change(new Set(all.slice(0, 1000)), new Set());
+    tree.toggle(1000);
+  });
+  assert.equal(await page.evaluate(() => scree.tree.hidden.size), 1000);
+  await page.locator('.toast.bad', {hasText: '1000 nodes'}).waitFor();
+  await page.evaluate(() => { scree.tree.isolate(1001); document.documentElement.dataset.exact = 0; scree.drop(); });
+  await rests(page);
+  await page.waitForFunction(() => scree.tree.names.length < 1000);  // the open list is loaded again
+  await changes(page, () => page.click('[data-do=show-all]'));
+});
+await check('a link in the same tab shows its view, also an old link, but no numbers beyond the limits', async () => {
+  const go = async (hash) => {
+    await changes(page, () => page.evaluate((hash) => { location.hash = hash; }, hash));
+    return page.evaluate(() => ({...scree.camera.pose(), show: scree.settings.show}));
+  };
+  const first = await go('v=1&e=0.1,0.2,3&t=0,0.30000000000000004,0&u=0,1,0&f=179.5&m=color&o=edl');
+  assert.deepEqual(first, {eye: [0.1, 0.2, 3], target: [0, 0.30000000000000004, 0], up: [0, 1, 0], fov: 179.5, show: 'color'});
+  for (const eye of ['1e16,0,3', ',,', '0,0,x']) assert.deepEqual((await go(`v=1&e=${eye}&t=0,0,0&m=color`)).eye, first.eye);
+  const {show, ...last} = await go('e=0,0,3&t=0,0,0&f=180&m=texture');
+  assert.deepEqual([last, show], [{eye: [0, 0, 3], target: [0, 0, 0], up: [0, 1, 0], fov: 45}, 'texture']);
+});
+await check('a link shows the same view', async () => {
+  await page.evaluate(() => {
+    scree.set({edl: true, edlStrength: 2.5, edlRadius: 3, samples: 2, background: '#102030'});
+    scree.go({...scree.camera.pose(), eye: [0.1 + 0.2, 1 / 3, 3], fov: 50 / 3});
+  });
+  await page.waitForFunction(() => location.hash.includes('e=0.30000000000000004'));
+  await rests(page, 2);
   const hash = await page.evaluate(() => location.hash);
   const again = await page.context().newPage();
   await again.goto(server.url.replace(/#.*/, hash));
   await rests(again);
-  const [a, b] = [await page.evaluate(() => scree.camera.eye), await again.evaluate(() => scree.camera.eye)];
-  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) <= 1e-9 * (1 + Math.abs(value))));
+  const view = (of) => of.evaluate(() => [scree.camera.pose(), scree.settings]);
+  assert.deepEqual(await view(again), await view(page));
   assert.equal(await again.inputValue('#show'), await page.inputValue('#show'));
   await again.close();
+  await page.evaluate(() => scree.set({edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d'}));
+  assert.doesNotMatch(await page.evaluate(() => location.hash), /&[bdrs]=/);
 });
 await check('a wrong token is explained, and the right one can be pasted', async () => {
   const lost = await open(browser, server.url.replace(/token=.*/, `token=${'0'.repeat(32)}`));
@@ -238,10 +362,44 @@ await check('a wrong token is explained, and the right one can be pasted', async
   await rests(lost);
   await lost.context().close();
 });
+await check('a server with another scene: its address in the same tab connects, and the page forgets the old nodes', async () => {
+  const served = await serve(program, sunny);
+  let port = new URL(server.url).port;
+  const sockets = [], relay = createServer((near) => {
+    const far = connect(port, '127.0.0.1');
+    sockets.push(near);
+    near.pipe(far).pipe(near);
+    for (const socket of [near, far]) socket.on('error', () => {}).on('close', () => { near.destroy(); far.destroy(); });
+  });
+  await new Promise((resolve) => relay.listen(0, '127.0.0.1', resolve));
+  const moved = await open(browser, server.url.replace(port, relay.address().port));
+  await rests(moved);
+  await moved.mouse.click(300, 225);
+  await moved.waitForSelector('#picked dd');
+  await moved.click('#tree-part > summary');
+  await moved.hover('.node >> nth=0');
+  await changes(moved, () => moved.click('.node >> nth=0 >> .eye'));
+  const names = await moved.evaluate(() => scree.tree.names);
+  port = new URL(served.url).port;
+  for (const socket of sockets) socket.destroy();
+  await moved.waitForSelector('#token-form:visible');
+  await moved.evaluate((hash) => { document.documentElement.dataset.exact = 0; location.hash = hash; }, new URL(served.url).hash);
+  await rests(moved);
+  await moved.waitForFunction(() => scree.tree.isLoaded);
+  assert.equal(await moved.evaluate(() => location.hash.includes('token')), false, 'the token stays in the address');
+  assert.notDeepEqual(await moved.evaluate(() => scree.tree.names), names);
+  assert.equal(await moved.evaluate(() => scree.tree.hidden.size), 0);
+  assert.ok(!await moved.isVisible('#picked'));
+  await moved.context().close();
+  relay.close();
+  await served.end();
+});
 await check('a broken connection is restored', async () => {
   await page.evaluate(() => { document.documentElement.dataset.exact = 0; scree.drop(); });
   await rests(page);
   assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
+  await page.evaluate(() => { for (let i = 0; i < 3; ++i) document.getElementById('cover-button').click(); });
+  await page.waitForFunction(() => document.getElementById('viewers-count').textContent === '1');
 });
 await check('the server ends in time, and the page reports it', async () => {
   const started = Date.now();

@@ -4,6 +4,11 @@ import {add, cross, distance, dot, length, mix, normalize, rotate, scale, sub} f
 const kSteepest = 89.9 * Math.PI / 180;  // above and below the horizon
 const kClosest = 1e-6;                   // distance to a surface, relative to the scene's size
 
+// The server refuses views beyond these limits (tools/view/message.h).
+export const kFarthest = 1e15;  // of each coordinate
+export const kFov = [0.001, 179.9];
+export const clamped = (value, low, high) => Math.max(low, Math.min(high, value));
+
 export class Camera {
   constructor() {
     this.eye = [0, 0, 3];
@@ -11,6 +16,7 @@ export class Camera {
     this.worldUp = [0, 1, 0];
     this.fov = 45;
     this.size = 1;  // diagonal of the scene's box
+    this.isFlown = false;
   }
 
   get forward() { return normalize(sub(this.target, this.eye)); }
@@ -23,11 +29,26 @@ export class Camera {
 
   pose() { return {eye: [...this.eye], target: [...this.target], up: [...this.worldUp], fov: this.fov}; }
   set(pose) {
-    this.eye = [...pose.eye];
-    this.target = [...pose.target];
+    this.place([...pose.eye], [...pose.target]);
     if (pose.up) this.worldUp = nearestAxis(pose.up);
-    if (pose.fov) this.fov = pose.fov;
+    if (pose.fov) this.fov = clamped(pose.fov, ...kFov);
+    this.isFlown = false;
     this.unroll();
+  }
+  /// A pose that may be rolled, until stand().
+  fly({eye, target, up, fov}) {
+    this.place([...eye], [...target]);
+    this.fov = clamped(fov, ...kFov);
+    this.isFlown = true;
+    if (length(cross(this.forward, normalize(up))) > 1e-9) this.worldUp = normalize(up);
+    else this.unroll();
+  }
+  stand() { if (this.isFlown) this.set(this.pose()); }
+  /// Every movement ends here. The camera stays where it is if the new place has no direction or is too far away.
+  place(eye, target) {
+    if (!(distance(eye, target) > 1e-300) || ![...eye, ...target].every((value) => Math.abs(value) <= kFarthest)) return;
+    this.eye = eye;
+    this.target = target;
   }
   /// A view straight up or down needs another way to find the direction to the right.
   unroll() {
@@ -36,7 +57,7 @@ export class Camera {
     const side = Math.abs(this.worldUp[1]) > 0.5 ? [0, 0, -1] : [0, 1, 0];
     const reach = distance(this.eye, this.target);
     const direction = add(scale(this.worldUp, Math.sign(pitch) * Math.sin(kSteepest)), scale(side, Math.cos(kSteepest)));
-    this.target = add(this.eye, scale(direction, reach));
+    this.place(this.eye, add(this.eye, scale(direction, reach)));
   }
 
   /// Unit vector through a point of the picture; x and y from 0 to 1 from the top left.
@@ -66,13 +87,9 @@ export class Camera {
     const right = this.right;
     const turned = (v) => rotate(rotate(v, right, wanted - now), this.worldUp, yaw);
     const eye = add(pivot, turned(sub(this.eye, pivot)));
-    this.target = add(eye, turned(sub(this.target, this.eye)));
-    this.eye = eye;
+    this.place(eye, add(eye, turned(sub(this.target, this.eye))));
   }
-  move(offset) {
-    this.eye = add(this.eye, offset);
-    this.target = add(this.target, offset);
-  }
+  move(offset) { this.place(add(this.eye, offset), add(this.target, offset)); }
   /// Multiplies the eye's distance from the point by `factor`, but keeps a least distance. The point keeps its position
   /// in the picture.
   zoom(point, factor) {
@@ -84,7 +101,7 @@ export class Camera {
   }
   /// Sets the target's distance; the view stays the same.
   reach(distanceToTarget) {
-    this.target = add(this.eye, scale(this.forward, distanceToTarget));
+    this.place(this.eye, add(this.eye, scale(this.forward, distanceToTarget)));
   }
   /// The pose in the given direction that shows all points, centred in the part of the picture that a panel leaves
   /// free. The panel covers the share `covered` of the width, on the right.
@@ -144,7 +161,8 @@ function slerp(a, b, t) {
   return add(scale(a, Math.sin((1 - t) * angle) / Math.sin(angle)), scale(b, Math.sin(t * angle) / Math.sin(angle)));
 }
 
-/// The pose at `time` of a path of keys {t, eye, target, up, fov} in order of t: Catmull-Rom through eyes and targets.
+/// The pose at `time` of a path of keys {t, eye, target, up, fov} in order of t: Catmull-Rom curves as in
+/// tools/render/camera_path.cpp.
 export function alongPath(keys, time) {
   if (keys.length === 1 || time <= keys[0].t) return keys[0];
   if (time >= keys[keys.length - 1].t) return keys[keys.length - 1];
@@ -157,5 +175,6 @@ export function alongPath(keys, time) {
     const at = (p, q, r, s) => 0.5 * (2 * q + (r - p) * t + (2 * p - 5 * q + 4 * r - s) * t * t + (3 * q - p - 3 * r + s) * t * t * t);
     return typeof a === 'number' ? at(a, b, c, d) : a.map((unused, axis) => at(a[axis], b[axis], c[axis], d[axis]));
   };
-  return {eye: curve((k) => k.eye), target: curve((k) => k.target), up: key(i).up, fov: curve((k) => k.fov)};
+  const fovOf = (choose) => keys.reduce((fov, k) => choose(fov, k.fov), keys[0].fov);
+  return {eye: curve((k) => k.eye), target: curve((k) => k.target), up: curve((k) => k.up), fov: clamped(curve((k) => k.fov), fovOf(Math.min), fovOf(Math.max))};
 }

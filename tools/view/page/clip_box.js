@@ -1,9 +1,10 @@
 // The clipping box: its inputs in the panel, and its sides, which can be dragged in the picture.
+import {clamped, kFarthest} from './camera.js';
 import {$, element} from './elements.js';
 
 export class ClipBox {
-  /// `page`: {changed(time), refresh(), whole(), place(point), step()}: the view has changed by a drag or at once; the
-  /// scene's box; a point's place on the stage in CSS pixels; a short length that shows there.
+  /// `page`: {changed(time), refresh(), whole(), place(point), step(), text(coordinate)}: the view has changed by a drag
+  /// or at once; the scene's box; a point's place on the stage in CSS pixels; a short length that shows there; a number.
   constructor(overlay, page) {
     this.overlay = overlay;
     this.page = page;
@@ -38,7 +39,7 @@ export class ClipBox {
     this.inputs.forEach(({slider, number}, side) => {
       const axis = side % 3;
       slider.value = 1000 * (this.box[side] - whole[axis]) / (whole[axis + 3] - whole[axis]);
-      number.value = Number(this.box[side].toPrecision(6));
+      number.value = this.page.text(this.box[side]);
     });
   }
 
@@ -53,7 +54,7 @@ export class ClipBox {
   moveSide(side, value, time) {
     if (Number.isFinite(value)) {
       const opposite = this.box[(side + 3) % 6];
-      this.box[side] = side < 3 ? Math.min(value, opposite) : Math.max(value, opposite);
+      this.box[side] = side < 3 ? clamped(value, -kFarthest, opposite) : clamped(value, opposite, kFarthest);
       this.on = true;
     }
     this.show();

@@ -48,11 +48,12 @@ export async function copy(text, what) {
   }
 }
 
-export function saveFile(blob, name) {
+/// `note`: is added to the message.
+export function saveFile(blob, name, note = '') {
   const link = element('a', '');
   link.href = URL.createObjectURL(blob);
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  toast(`${name}: ${bytesText(blob.size)}`);
+  toast(`${name}: ${bytesText(blob.size)}${note}`, note !== '');
 }

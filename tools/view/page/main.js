@@ -1,12 +1,12 @@
 // The page. It has the camera and the settings; pictures come from the server (worker.js).
-import {addressOf, commandOf, readAddress} from './address.js';
-import {alongPath, between, Camera} from './camera.js';
+import {addressOf, commandOf, kDefaults, readAddress} from './address.js';
+import {alongPath, between, Camera, clamped, kFarthest} from './camera.js';
 import {ClipBox} from './clip_box.js';
 import {Controls} from './controls.js';
 import {$, copy, element, fill, saveFile, toast} from './elements.js';
-import {lengthText, Overlay} from './overlay.js';
+import {coordinateText, lengthText, Overlay} from './overlay.js';
 import {Bookmarks, KeyPath} from './saved_views.js';
-import {bytesText, countText, Stats} from './stats.js';
+import {bytesText, counted, countText, Stats} from './stats.js';
 import {Tree} from './tree.js';
 import {add, distance, dot, mix, scale, sub} from './vector.js';
 
@@ -33,10 +33,11 @@ let hover = null;        // {x, y, point}: the newest point under the cursor fro
 let depth = 1;           // along the view, of the last known point; used if the cursor is on the background
 let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
+const shotSamples = new Map();  // by number of a screenshot: the samples that were chosen
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
 
-const settings = {show: 'texture', light: true, shadows: false, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
+const settings = {...kDefaults};
 const shows = [...$('show').options].map((option) => option.value);
 
 // --- Messages ---
@@ -97,7 +98,7 @@ worker.onmessage = ({data}) => {
     case 'text': return heard(data.message);
     case 'frame': return shown(data);
     case 'state': return setState(data);
-    case 'screenshot': return saveFile(new Blob([data.bytes], {type: 'image/png'}), `${baseName()}.png`);
+    case 'screenshot': return saveShot(data);
     case 'trouble': return toast(data.message, true);
     case 'pixels': return pixelReaders.splice(0).forEach((resolve) => resolve(data));
   }
@@ -119,8 +120,9 @@ function heard(message) {
     case 'viewers': return setViewers(message);
     case 'camera':
       if (message.viewer !== following) return;
-      animation = null;
-      camera.set(message);
+      stopAnimation();
+      camera.fly(message);
+      showFov();
       return changed();
   }
 }
@@ -152,8 +154,9 @@ function seen(point) {
   if (along > 0) depth = along;
 }
 function showPlace(point) {
-  $('place').textContent = point ? point.map((value) => lengthText(value)).join('  ') : '';
+  $('place').textContent = point ? point.map(pointText).join('  ') : '';
 }
+const pointText = (value) => coordinateText(value, camera.size);
 
 // --- Connecting ---
 
@@ -172,10 +175,10 @@ function setState({state, reason}) {
   isConnected = state === 'open';
   document.documentElement.dataset.state = reason ?? state;
   if (state === 'connecting') {
-    isConnected = true;  // the worker sends nothing before the socket is open
     if (!scene) cover('Connecting', location.host);
     return;
   }
+  if (isConnected) return void (following = 0);  // the server numbers viewers anew
   if (reason === 'token') return askForToken('This address has no valid token', 'Open the address that scree view printed, or paste it here.');
   const [title, text] = kStates[reason];
   cover(title, text, {spin: reason !== 'full' && reason !== 'refused', button: true});
@@ -207,27 +210,29 @@ $('token-form').addEventListener('submit', (event) => {
 $('cover-button').addEventListener('click', () => connect(localStorage.getItem(storageKey) ?? ''));
 
 function opened(message) {
-  const isFirst = !scene || scene.file !== message.file;
+  const hasOther = (...names) => names.some((name) => scene?.[name] !== message[name]);
+  const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;
   $('scene-name').textContent = scene.name;
-  $('scene-facts').textContent = `${countText(scene.triangles)} triangles in ${countText(scene.instances)} instances, on ${scene.drawnOn}`;
+  $('scene-facts').textContent = `${counted(scene.triangles, 'triangle')} in ${counted(scene.instances, 'instance')}, on ${scene.drawnOn}`;
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
+    takeOver();
     Object.assign(clip, {on: false, box: wholeBox()});
     settings.shadows = scene.shadows;
-    if (!goToAddress()) camera.set(homePose());
-    settings.shadows &&= scene.canCastShadows;
-    fillCameras();
+    camera.set(homePose());
     bookmarks.read(`scree-bookmarks:${scene.file}:${scene.scene}`);
   }
+  if (isOther) {
+    tree.forget();
+    $('tree-count').textContent = '';
+    unpick();
+    fillCameras();
+  }
   if (tree.hidden.size || tree.only.size) send({type: 'hide', hidden: [...tree.hidden], only: [...tree.only]});
-  if ($('tree-part').open) needTree(true);
-  depth = distance(camera.eye, camera.target);
-  showSettings();
-  clip.show();
-  drawOverlay();
-  refresh();
+  goToAddress();
+  if ($('tree-part').open) needTree(true);  // the server answers only after a view
 }
 
 // --- Size ---
@@ -256,10 +261,7 @@ function pointUnder(x, y) {
 
 const controls = new Controls(stage, {
   camera,
-  begin() {
-    stopAnimation();
-    if (following) follow(0);
-  },
+  begin: takeOver,
   changed,
   ended() { clearTimeout(restTimer); restTimer = setTimeout(rest, 20); },
   pointUnder,
@@ -291,8 +293,10 @@ function probe(x, y) {
   }, wait);
 }
 
-function ease(to, ms = kEaseMs) {
-  stopAnimation();
+/// `find`: returns the pose to go to.
+function ease(find, ms = kEaseMs) {
+  takeOver();
+  const to = find();
   animation = {from: camera.pose(), to, start: performance.now(), ms: reduced ? 0 : ms};
   requestAnimationFrame(animate);
 }
@@ -300,11 +304,17 @@ function stopAnimation() {
   animation = null;
   if (playing) setPlaying(false);
 }
+/// To be called before the user moves the camera.
+function takeOver() {
+  stopAnimation();
+  if (following) follow(0);
+  camera.stand();
+}
 function animate(time) {
   if (!animation) return;
   if (animation.keys) {
     const seconds = (time - animation.start) / 1000;
-    camera.set(alongPath(animation.keys, seconds));
+    camera.fly(alongPath(animation.keys, seconds));
     if (seconds >= animation.keys.at(-1).t) stopAnimation();
   } else {
     const t = animation.ms > 0 ? Math.min(1, Math.max(0, (time - animation.start) / animation.ms)) : 1;
@@ -361,7 +371,7 @@ function picked(message) {
     if (!message.hit) return;
     // Flies half the way to the point, which moves to the middle of the picture.
     const eye = mix(camera.eye, message.point, 0.5);
-    return ease({...camera.pose(), eye, target: message.point});
+    return ease(() => ({...camera.pose(), eye, target: message.point}));
   }
   if (!message.hit) return unpick();
   picks = [...picks, message].slice(-2);
@@ -387,7 +397,7 @@ function showPick() {
   const box = last.box, side = (k) => distance(box[0], box[1 << k]);
   const rows = [['Node', named(last.node, last.nodeName)], ['Mesh', named(last.mesh, last.meshName)], ['Triangle', `${last.triangle}`],
     ['Material', last.material === undefined ? 'default' : named(last.material, last.materialName)], ['Instance', `${last.instance}`],
-    ['Point', last.point.map(lengthText).join(', ')], ['Distance', lengthText(distance(last.point, camera.eye))],
+    ['Point', last.point.map(pointText).join(', ')], ['Distance', lengthText(distance(last.point, camera.eye))],
     ['Box', [0, 1, 2].map((k) => lengthText(side(k))).join(' × ')]];
   if (overlay.isMeasured && picks.length === 2) {
     const d = sub(picks[1].point, picks[0].point);
@@ -400,10 +410,11 @@ function showPick() {
 
 const tree = new Tree($('tree'), $('tree-search'), {
   changed(hidden, only) {
-    if (hidden.length + only.length > 1000) return toast('At most 1000 nodes can be hidden one by one.', true);
+    if (hidden.length > 1000) return toast('At most 1000 nodes can be hidden one by one.', true);
     send({type: 'hide', hidden, only});
     $('tree-count').textContent = hidden.length || only.length ? 'some hidden' : treeCount();
     refresh();
+    return true;
   },
 });
 $('tree').addEventListener('click', (event) => event.target.focus?.());
@@ -415,10 +426,8 @@ $('tree-part').addEventListener('toggle', () => { if ($('tree-part').open) needT
 function loadTree(message) {
   tree.load(message);
   $('tree-count').textContent = treeCount();
-  if (message.total > message.names.length) {
-    $('tree-hint').hidden = false;
-    $('tree-hint').textContent = `The first ${countText(message.names.length)} of ${countText(message.total)} nodes.`;
-  }
+  $('tree-hint').hidden = message.total <= message.names.length;
+  $('tree-hint').textContent = `The first ${countText(message.names.length)} of ${countText(message.total)} nodes.`;
   if (picks.length > 0) tree.reveal(picks.at(-1).node);
 }
 
@@ -449,7 +458,7 @@ function follow(viewer) {
 /// The scene's box, enlarged by a thousandth so that surfaces in its faces are inside.
 function wholeBox() {
   const {boxMin: low = [-1, -1, -1], boxMax: high = [1, 1, 1]} = scene, more = 1e-3 * camera.size;
-  return [...low.map((value) => value - more), ...high.map((value) => value + more)];
+  return [...low.map((value) => value - more), ...high.map((value) => value + more)].map((value) => clamped(value, -kFarthest, kFarthest));
 }
 const clip = new ClipBox(overlay, {
   changed,
@@ -460,6 +469,7 @@ const clip = new ClipBox(overlay, {
     return [x * stage.clientWidth, y * stage.clientHeight];
   },
   step: () => 0.01 * Math.max(depth, 1e-3 * camera.size),
+  text: pointText,
 });
 $('clip').addEventListener('change', (event) => { if (scene) clip.set(event.target.checked); });
 
@@ -494,10 +504,11 @@ $('edl-strength').addEventListener('input', (event) => set({edlStrength: Number(
 $('edl-radius').addEventListener('input', (event) => set({edlRadius: Number(event.target.value)}));
 $('background').addEventListener('input', (event) => set({background: event.target.value}));
 $('samples').addEventListener('click', (event) => { if (event.target.dataset.value) set({samples: Number(event.target.dataset.value)}); });
-$('fov').addEventListener('input', (event) => { camera.fov = Number(event.target.value); showFov(); changed(event.timeStamp); });
+$('fov').addEventListener('input', (event) => { takeOver(); camera.fov = Number(event.target.value); showFov(); changed(event.timeStamp); });
 $('z-up').addEventListener('change', (event) => {
+  takeOver();
   camera.worldUp = event.target.checked ? [0, 0, 1] : [0, 1, 0];
-  if (scene) ease(homePose());
+  if (scene) ease(homePose);
 });
 
 // --- Saved views: address, command, bookmarks, paths ---
@@ -505,18 +516,27 @@ $('z-up').addEventListener('change', (event) => {
 function writeAddress() {
   if (scene) history.replaceState(null, '', `#${addressOf(camera.pose(), settings, clip)}`);
 }
-/// Sets the view of the address. Returns false if there is none.
+/// Sets the view of the newest address, once, and shows the camera and all settings.
 function goToAddress() {
-  const view = readAddress(firstHash, shows);
-  Object.assign(settings, view.settings);
-  if (view.box) Object.assign(clip, {on: true, box: view.box});
-  if (view.pose) camera.set(view.pose);
-  return view.pose !== null;
+  if (['v', 'e', 'm', 'o', 'c'].some((letter) => hash.has(letter))) {
+    takeOver();
+    const view = readAddress(hash, shows);
+    Object.assign(settings, view.settings);
+    Object.assign(clip, view.box ? {on: true, box: view.box} : {on: false});
+    if (view.pose) camera.set(view.pose);
+  }
+  hash = new URLSearchParams();
+  settings.shadows &&= scene.canCastShadows;
+  depth = distance(camera.eye, camera.target);
+  showSettings();
+  clip.show();
+  drawOverlay();
+  refresh();
 }
 const command = () => commandOf(scene, size, camera.pose(), exactSamples || settings.samples, settings, clip, `${baseName()}.png`);
 const baseName = () => scene.name.replace(/\.scree$/, '');
 
-const poses = {pose: () => camera.pose(), go: (pose) => ease(pose, 700)};
+const poses = {pose: () => camera.pose(), go: (pose) => ease(() => pose, 700)};
 const bookmarks = new Bookmarks(poses), path = new KeyPath(poses);
 function fillCameras() {
   $('cameras-part').hidden = scene.cameras.length === 0;
@@ -530,7 +550,7 @@ function setPlaying(on) {
 function play() {
   if (playing) return stopAnimation();
   if (path.keys.length < 2) return toast('A path needs two keys: K adds this view.');
-  stopAnimation();
+  takeOver();
   animation = {keys: path.keys, start: performance.now()};
   setPlaying(true);
   requestAnimationFrame(animate);
@@ -539,15 +559,15 @@ function play() {
 // --- Actions of buttons and keys ---
 
 const actions = {
-  home: () => ease(homePose()),
-  focus: () => ease(picks.length ? frame(pickedBox()) : homePose()),
+  home: () => ease(homePose),
+  focus: () => ease(() => picks.length ? frame(pickedBox()) : homePose()),
   bookmark: () => bookmarks.add(),
   link: () => { writeAddress(); copy(location.href, 'Link'); },
-  command: () => copy(command(), tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command'),
+  command: () => copyCommand(command()),
   stats: () => toggle('stats', 'stats', () => stats.draw()),
   panel: () => toggle('panel', 'panel'),
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
-  axis: (button) => ease(axisPose(button.dataset.axis)),
+  axis: (button) => ease(() => axisPose(button.dataset.axis)),
   unpick,
   'clip-reset': () => clip.set(clip.on, wholeBox()),
   hide: () => { if (picks.length) tree.toggle(picks.at(-1).node); },
@@ -559,11 +579,27 @@ const actions = {
   'load-path': () => $('path-file').click(),
   'clear-path': () => path.clear(),
   screenshot() {
-    const [width, height] = $('shot-size').value === 'view' ? [size.width, size.height] : $('shot-size').value.split('x').map(Number);
-    send({type: 'screenshot', id: ++shotId, width, height, samples: Number($('shot-samples').value)});
+    if (!isConnected) return toast('There is no connection to the server.', true);
+    const {width, height, samples} = chosenShot();
+    send({type: 'screenshot', id: ++shotId, width, height, samples});
+    shotSamples.set(shotId, samples);
     toast(`Rendering ${width} × ${height}…`);
   },
+  'shot-command'() {
+    const {samples, ...shot} = chosenShot();
+    copyCommand(commandOf(scene, shot, camera.pose(), samples, settings, clip, `${baseName()}.png`));
+  },
 };
+function chosenShot() {
+  const [width, height] = $('shot-size').value === 'view' ? [size.width, size.height] : $('shot-size').value.split('x').map(Number);
+  return {width, height, samples: Number($('shot-samples').value)};
+}
+function saveShot({head, bytes}) {
+  const wanted = shotSamples.get(head.id), side = (samples) => samples > 1 ? `${samples}×${samples}` : '1';
+  shotSamples.delete(head.id);
+  saveFile(new Blob([bytes], {type: 'image/png'}), `${baseName()}.png`, head.samples < wanted ? `, with ${side(head.samples)} samples instead of ${side(wanted)}, which are too many for this size` : '');
+}
+const copyCommand = (text) => copy(text, tree.hidden.size + tree.only.size > 0 ? 'Command, which draws the hidden nodes too,' : 'Command');
 function toggle(id, action, then) {
   $(id).hidden = !$(id).hidden;
   document.querySelector(`#tools [data-do=${action}]`).setAttribute('aria-pressed', String(!$(id).hidden));
@@ -573,7 +609,7 @@ document.addEventListener('click', (event) => {
   const button = event.target.closest?.('[data-do]');
   if (!button || (!scene && !['help', 'panel', 'stats'].includes(button.dataset.do))) return;
   actions[button.dataset.do](button);
-  button.blur();
+  if (event.detail > 0) button.blur();  // a key's click leaves the focus where it is
 });
 
 const letters = {KeyH: 'home', KeyF: 'focus', KeyB: 'bookmark', KeyP: 'link', KeyC: 'command', KeyG: 'screenshot', KeyK: 'key', Space: 'play', Backquote: 'stats', Tab: 'panel'};
@@ -584,11 +620,12 @@ addEventListener('keydown', (event) => {
     if (event.key === 'Escape') event.target.blur();
     return;
   }
+  if (event.code === 'Space' && event.target.matches?.('button, summary, input')) return;
   if (event.key === '?') return take(event, actions.help);
   if (!scene) return;
   if (event.code === 'Tab' && event.shiftKey) return;
   if (!event.repeat && letters[event.code]) return take(event, actions[letters[event.code]]);
-  if (axes[event.code]) return take(event, () => ease(axisPose(axes[event.code][event.shiftKey ? 1 : 0])));
+  if (axes[event.code]) return take(event, () => ease(() => axisPose(axes[event.code][event.shiftKey ? 1 : 0])));
   if (event.repeat && !(event.code in {KeyW: 1, KeyA: 1, KeyS: 1, KeyD: 1, KeyQ: 1, KeyE: 1, ArrowUp: 1, ArrowDown: 1, ArrowLeft: 1, ArrowRight: 1})) return;
   switch (event.code) {
     case 'KeyV': return take(event, () => set({show: shows[(shows.indexOf(settings.show) + (event.shiftKey ? shows.length - 1 : 1)) % shows.length]}));
@@ -603,8 +640,7 @@ addEventListener('keydown', (event) => {
   }
   if (!event.target.matches?.('input, select')) {
     if (controls.key(event)) {
-      stopAnimation();
-      if (following) follow(0);
+      takeOver();
       event.preventDefault();
     }
   }
@@ -619,16 +655,26 @@ function take(event, action) {
 /// For tests, and for scripts in a browser's console.
 const pixelReaders = [];
 window.scree = {
-  camera, settings, set, setClip: (on, box) => clip.set(on, box), clip: () => ({on: clip.on, box: clip.box}), command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
-  go(pose) { stopAnimation(); camera.set(pose); showFov(); changed(); },
+  camera, settings, tree, path, set, setClip: (on, box) => clip.set(on, box), clip: () => ({on: clip.on, box: clip.box}), command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
+  go(pose) { takeOver(); camera.set(pose); showFov(); changed(); },
   latencies: stats.latencies,
   rows: stats.rows,
   pixels: () => new Promise((resolve) => { pixelReaders.push(resolve); worker.postMessage({type: 'read'}); }),
 };
 
-const firstHash = new URLSearchParams(location.hash.slice(1));
-const token = firstHash.get('token') ?? localStorage.getItem(storageKey);
-if (firstHash.has('token')) history.replaceState(null, '', location.pathname);
+let hash = new URLSearchParams();  // of the newest address, until its view is set
+/// Returns the token of the address, which then no longer has it.
+function takeToken() {
+  hash = new URLSearchParams(location.hash.slice(1));
+  if (hash.has('token')) history.replaceState(null, '', location.pathname);
+  return hash.get('token');
+}
+addEventListener('hashchange', () => {
+  const token = takeToken();
+  if (token !== null) return connect(token);
+  if (scene) goToAddress();
+});
+const token = takeToken() ?? localStorage.getItem(storageKey);
 
 const place = new URL('ws', location.href);
 place.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';

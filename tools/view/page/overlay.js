@@ -4,8 +4,10 @@ import {cross, dot, sub} from './vector.js';
 const kSpace = 'http://www.w3.org/2000/svg';
 const kEdges = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
-export const lengthText = (value) => Math.abs(value) >= 1e5 || (Math.abs(value) < 1e-3 && value !== 0)
-  ? value.toExponential(3) : Number(value.toPrecision(5)).toString();
+export const lengthText = (value) => Math.abs(value) >= 1e15 || (Math.abs(value) < 1e-3 && value !== 0) ? value.toExponential(3)
+  : Math.abs(value) >= 1e5 ? value.toFixed(0) : Number(value.toPrecision(5)).toString();
+/// A coordinate in a scene of this size, to about a millionth of the size.
+export const coordinateText = (value, size) => String(Number(value.toFixed(Math.max(0, Math.ceil(6 - Math.log10(size))))));
 
 export class Overlay {
   constructor(svg, axes) {

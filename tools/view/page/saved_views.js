@@ -1,9 +1,55 @@
 // Saved views: bookmarks, which the browser keeps, and the keys of a camera path.
 import {$, fill, saveFile, toast} from './elements.js';
+import {kFarthest} from './camera.js';
 import {distance} from './vector.js';
 
-const isVector = (v) => Array.isArray(v) && v.length === 3 && v.every(Number.isFinite);
-const isPose = (pose) => pose && isVector(pose.eye) && isVector(pose.target) && isVector(pose.up) && pose.fov > 0 && pose.fov < 180 && distance(pose.eye, pose.target) > 0;
+const isNumbers = (v, count) => Array.isArray(v) && v.length === count && v.every((value) => typeof value === 'number' && Math.abs(value) <= kFarthest);
+const isWithin = (value, low, high) => typeof value === 'number' && value >= low && value < high;
+const isPose = (pose) => pose && ['eye', 'target', 'up'].every((name) => isNumbers(pose[name], 3)) && isWithin(pose.fov, 1e-9, 180) && distance(pose.eye, pose.target) > 0;
+
+function need(isRight, reason) {
+  if (!isRight) throw new Error(reason);
+}
+/// The first member of `object` that is not one of `names`.
+const unknownMember = (object, names) => Object.keys(object).find((name) => !names.includes(name));
+
+/// The keys of a path file, {t, eye, target, up, fov}. Accepts what tools/render/camera_path.cpp accepts, if its keys have
+/// times. Throws an error with a short reason.
+function readPath(text) {
+  let path;
+  try { path = JSON.parse(text); } catch { need(false, 'it is not JSON'); }
+  need(path?.format === 'scree camera path', 'its format is not “scree camera path”');
+  need(path.version === 1, 'its version is not 1');
+  const unknown = unknownMember(path, ['format', 'version', 'fps', 'keys', 'name']);
+  need(unknown === undefined, `it has an unknown member “${unknown}”`);
+  need(path.fps === undefined || isWithin(path.fps, 1e-9, 1e6), 'its fps are not above 0 and below 1e6');
+  need(Array.isArray(path.keys) && path.keys.length > 0, 'it has no keys');
+  const keys = path.keys.map((key, i) => {
+    try { return readKey(key); } catch ({message}) { throw new Error(`key ${i} ${message}`); }
+  });
+  const early = keys.findIndex((key, i) => i > 0 && key.t <= keys[i - 1].t);
+  need(early < 0, `key ${early} is not later than the key before`);
+  need(keys.at(-1).t * (path.fps ?? 30) < 1e7, 'it has more than 10000000 frames');
+  return keys;
+}
+function readKey(key) {
+  need(key && typeof key === 'object' && !Array.isArray(key), 'is not an object');
+  const unknown = unknownMember(key, ['t', 'eye', 'target', 'up', 'fov', 'matrix', 'name']);
+  need(unknown === undefined, `has an unknown member “${unknown}”`);
+  need(isWithin(key.t, 0, 1e9), key.t === undefined ? 'has no t' : 't is not from 0 to 1e9');
+  const {matrix: m, up = [0, 1, 0], fov = 45, ...others} = key;
+  need(isWithin(fov, 1e-9, 180), 'fov is not above 0 and below 180');
+  if (m === undefined) {
+    for (const [name, value] of [['eye', key.eye], ['target', key.target], ['up', up]]) need(isNumbers(value, 3), `${name} is not 3 numbers of at most 1e15`);
+    return {...others, up, fov};
+  }
+  need(isNumbers(m, 16), 'matrix is not 16 numbers of at most 1e15');
+  need(!['eye', 'target', 'up'].some((name) => name in key), 'has both matrix and eye, target or up');
+  need(m[3] === 0 && m[7] === 0 && m[11] === 0 && m[15] === 1, 'matrix does not end with the row 0 0 0 1');
+  const reach = Math.hypot(m[8], m[9], m[10]), eye = m.slice(12, 15);
+  need(reach > 0, 'matrix has no direction');
+  return {...others, eye, target: eye.map((value, axis) => value - m[8 + axis] / reach), up: m.slice(4, 7), fov};
+}
 
 export class Bookmarks {
   /// `page`: {pose(), go(pose)}.
@@ -78,12 +124,11 @@ export class KeyPath {
   }
   async load(input) {
     try {
-      const read = JSON.parse(await input.files[0].text());
-      if (read.format !== 'scree camera path' || !read.keys.every((key) => isPose(key) && Number.isFinite(key.t) && key.t >= 0)) throw new Error();
-      this.keys = read.keys.sort((a, b) => a.t - b.t);
+      need(input.files[0].size <= 16 << 20, 'it has more than 16 MiB');
+      this.keys = readPath(await input.files[0].text());
       this.show();
-    } catch {
-      toast('This file holds no path of scree view.', true);
+    } catch ({message}) {
+      toast(`This file holds no path of scree view: ${message}.`, true);
     }
     input.value = '';
   }

@@ -13,6 +13,8 @@ export const countText = (count) => {
   for (; count >= 1000 && unit < 4; ++unit) count /= 1000;
   return unit === 0 ? `${count}` : `${count.toFixed(count < 10 ? 2 : count < 100 ? 1 : 0)} ${['', 'k', 'M', 'G', 'T'][unit]}`;
 };
+/// "1 triangle", "2.00 k triangles".
+export const counted = (count, name) => `${countText(count)} ${name}${count === 1 ? '' : 's'}`;
 
 export class Stats {
   constructor(section) {
@@ -82,7 +84,7 @@ export class Stats {
       ['memory of the server', l.hostBytes ? bytesText(l.hostBytes) : '–'],
     ];
     if (l.blendedLayers || l.samplesWithMoreLayers)
-      table.push(['blended layers', `${l.blendedLayers}${l.samplesWithMoreLayers ? `, ${countText(l.samplesWithMoreLayers)} samples have more` : ''}`]);
+      table.push(['blended layers', `${l.blendedLayers}${l.samplesWithMoreLayers ? `, ${counted(l.samplesWithMoreLayers, 'sample')} ${l.samplesWithMoreLayers === 1 ? 'has' : 'have'} more` : ''}`]);
     if (l.deviceBytes) table.push(['memory of the GPU', bytesText(l.deviceBytes)]);
     this.numbers.replaceChildren(...table.flatMap(([name, value]) => {
       const term = document.createElement('dt'), text = document.createElement('dd');

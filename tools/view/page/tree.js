@@ -4,20 +4,27 @@ import {countText} from './stats.js';
 const kRow = 24;
 
 export class Tree {
-  /// `on`: {pick(node), changed(hidden, only)}.
+  /// `on`: {changed(hidden, only)}: the page returns whether it accepts these sets.
   constructor(box, search, on) {
     this.box = box;
     this.space = box.querySelector('#tree-space');
     this.rows = box.querySelector('#tree-rows');
     this.search = search;
     this.on = on;
+    this.forget();
+    box.addEventListener('scroll', () => this.draw());
+    search.addEventListener('input', () => this.list());
+  }
+
+  /// To be called when the scene is another one.
+  forget() {
     this.names = [];
+    this.roots = [];
     this.hidden = new Set();
     this.only = new Set();
     this.open = new Set();
     this.picked = -1;
-    box.addEventListener('scroll', () => this.draw());
-    search.addEventListener('input', () => this.list());
+    this.list();
   }
 
   get isLoaded() { return this.names.length > 0; }
@@ -71,7 +78,7 @@ export class Tree {
     const first = Math.max(0, Math.floor(this.box.scrollTop / kRow) - 4);
     const count = Math.ceil(this.box.clientHeight / kRow) + 8;
     this.rows.style.transform = `translateY(${first * kRow}px)`;
-    this.rows.replaceChildren(...(this.listed ?? []).slice(first, first + count).map(([node, depth]) => this.row(node, depth)));
+    this.rows.replaceChildren(...this.listed.slice(first, first + count).map(([node, depth]) => this.row(node, depth)));
   }
 
   row(node, depth) {
@@ -90,7 +97,7 @@ export class Tree {
     const hasChildren = this.children[node].length > 0 && !this.search.value.trim();
     part('span', 'fold', hasChildren ? (this.open.has(node) ? '▾' : '▸') : '', '', () => this.fold(node));
     part('span', 'name', this.name(node), this.name(node));
-    part('span', 'size', this.triangles[node] ? countText(this.triangles[node]) : '', `${this.triangles[node]} triangles`);
+    part('span', 'size', this.triangles[node] ? countText(this.triangles[node]) : '', `${this.triangles[node]} triangle${this.triangles[node] === 1 ? '' : 's'}`);
     part('button', 'only', '◎', 'Show this alone', () => this.isolate(node));
     part('button', 'eye', this.hidden.has(node) ? '○' : '●', this.hidden.has(node) ? 'Show' : 'Hide', () => this.toggle(node));
     return row;
@@ -101,22 +108,19 @@ export class Tree {
     this.list();
   }
   toggle(node) {
-    if (!this.hidden.delete(node)) this.hidden.add(node);
-    this.tell();
+    const hidden = new Set(this.hidden);
+    if (!hidden.delete(node)) hidden.add(node);
+    this.change(hidden, this.only);
   }
   isolate(node) {
-    const isAlone = this.only.size === 1 && this.only.has(node);
-    this.only = new Set(isAlone ? [] : [node]);
-    if (!isAlone) this.hidden.delete(node);
-    this.tell();
+    const isAlone = this.only.size === 1 && this.only.has(node), hidden = new Set(this.hidden);
+    if (!isAlone) hidden.delete(node);
+    this.change(hidden, new Set(isAlone ? [] : [node]));
   }
-  showAll() {
-    this.hidden.clear();
-    this.only.clear();
-    this.tell();
-  }
-  tell() {
-    this.on.changed([...this.hidden], [...this.only]);
+  showAll() { this.change(new Set(), new Set()); }
+  change(hidden, only) {
+    if (!this.on.changed([...hidden], [...only])) return;
+    Object.assign(this, {hidden, only});
     this.draw();
   }
 

@@ -12,12 +12,15 @@ function connect() {
   clearTimeout(retryTimer);
   isWanted = true;
   tell('state', {state: 'connecting'});
+  socket?.close();
   const opened = socket = new WebSocket(address);
   let isOpen = false;
   opened.binaryType = 'arraybuffer';
   opened.onopen = () => {
+    if (opened !== socket) return opened.close();
     isOpen = true;
     retryMs = 250;
+    tell('state', {state: 'open'});
     opened.send(JSON.stringify({type: 'hello', token}));
   };
   opened.onmessage = ({data}) => {
