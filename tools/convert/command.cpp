@@ -26,8 +26,8 @@ struct ConvertArguments {
   std::string max_error;
   std::string max_error_pixels;
   std::string at_distance;
-  std::string at_size = "1920x1080";
-  std::string at_fov = "45";
+  std::string at_size;
+  std::string at_fov;
   std::string grid = "mesh";
   std::string order = "fifo";
   std::string encoding = "clustered";
@@ -85,10 +85,10 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   convert::PixelBound bound;
   bound.pixels = SCREE_TRY(parse_positive(words.max_error_pixels, "--max-error-pixels"));
   bound.distance = SCREE_TRY_AT("--at-distance", parse_length(words.at_distance));
-  const ImageSize size = SCREE_TRY(parse_image_size(words.at_size, "--at-size"));
+  const ImageSize size = SCREE_TRY(parse_image_size(words.at_size.empty() ? "1920x1080" : words.at_size, "--at-size"));
   bound.width = size.width;
   bound.height = size.height;
-  bound.fov_degrees = SCREE_TRY(parse_positive(words.at_fov, "--at-fov"));
+  bound.fov_degrees = SCREE_TRY(parse_positive(words.at_fov.empty() ? "45" : words.at_fov, "--at-fov"));
   if (bound.fov_degrees >= 180)
     return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
   return bound;
@@ -125,11 +125,7 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     return Error{ErrorCode::kUsage, "the input '-': scree reads files, not standard input (./- is a file called -)"};
   options.input = words.input;
   options.output = words.output;
-  const std::string extension = format::lower_case(std::filesystem::path(words.output).extension().string());
-  if ((extension == ".gltf" || extension == ".glb") && !is_same_file(words.output, words.input))
-    return Error{ErrorCode::kUsage, "--output: '" + words.output +
-                                        "' has the extension of a glTF, but convert writes a scree file (scree "
-                                        "export writes a glTF)"};
+  if (!is_same_file(words.output, words.input)) SCREE_TRY(check_no_gltf(words.output, "convert"));
   options.existing = existing_of(words.force);
   options.float32 = words.positions == "float32";
   if (!options.float32) {
@@ -143,6 +139,8 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
       return Error{ErrorCode::kUsage, "--max-error and --positions exclude each other: both pick the step"};
     options.max_error = length;
   }
+  if (words.max_error_pixels.empty() && (!words.at_size.empty() || !words.at_fov.empty()))
+    return Error{ErrorCode::kUsage, "--at-size and --at-fov need --max-error-pixels"};
   if (!words.max_error_pixels.empty() || !words.at_distance.empty()) {
     if (positions_given || !words.max_error.empty())
       return Error{ErrorCode::kUsage, "--max-error-pixels, --max-error and --positions exclude each other"};

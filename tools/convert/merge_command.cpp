@@ -31,6 +31,7 @@ Result<void> run(const MergeWords& words) {
   convert::MergeOptions options;
   options.shards = words.shards;
   options.output = words.output;
+  SCREE_TRY(check_no_gltf(words.output, "merge"));
   options.existing = existing_of(words.force);
   SCREE_TRY(assign(options.threads, parse_whole(words.threads, 0, kMostThreads, "--threads")));
   options.memory = SCREE_TRY_AT("--memory", parse_size(words.memory));

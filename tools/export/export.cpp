@@ -336,6 +336,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   Progress progress(!arguments.quiet);
   progress.stage("export", triangles);
   ExportOptions options;
+  options.source = arguments.input;
   options.threads = arguments.threads;
   options.existing = existing_of(arguments.force);
   options.stop = StopOnSignal::flag();
@@ -394,7 +395,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
                                   const ExportOptions& options) {
   auto created = SCREE_TRY(GltfWriter::create(path, file.string(file.source().copyright), options.existing));
   GltfWriter& writer = created;
-  SCREE_TRY(writer.check_images(planned_images(file)));
+  SCREE_TRY(writer.check_files(planned_images(file), options.source));
 
   auto primitives = SCREE_TRY(write_primitives(file, writer, options, kMaxPrimitiveVertices));
   ExportSummary summary{.primitives = primitives.size()};

@@ -13,6 +13,7 @@
 namespace scree::tools {
 
 struct ExportOptions {
+  std::string source;                                      // the file that is read: no output may replace it
   format::Existing existing = format::Existing::kReplace;  // of all files of the output
   uint32_t threads = 0;                     // 0: one per processor; the output is the same for any number
   const std::atomic<bool>* stop = nullptr;  // if raised, the export ends with kFile "interrupted"

@@ -254,6 +254,8 @@ Result<void> check_outputs(const RenderOptions& options) {
     if (path.empty()) continue;
     if (is_same_file(path, options.file))
       return Error{ErrorCode::kUsage, "--" + std::string(name) + ": " + path + " is the file to draw"};
+    if (!options.light.environment.empty() && is_same_file(path, options.light.environment))
+      return Error{ErrorCode::kUsage, "--" + std::string(name) + ": " + path + " is the environment"};
     for (const auto& [other_name, other] : outputs)
       if (&other != &path && !other.empty() && is_same_file(other, path))
         return Error{ErrorCode::kUsage, "--" + std::string(name) + " and --" + other_name + " are both " + path};

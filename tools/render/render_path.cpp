@@ -159,16 +159,45 @@ class PathRenderer {
     bool is_whole = options_.path->resume;
     for (const Output& output : outputs_) {
       const std::string name = output.pattern.name(frame);
-      for (const std::string* input : {&options_.file, &options_.path->file})
-        if (is_same_file(name, *input))
+      for (const std::string* input : {&options_.file, &options_.path->file, &options_.light.environment})
+        if (!input->empty() && is_same_file(name, *input))
           return Error{ErrorCode::kUsage,
                        "frame " + std::to_string(frame) + " would replace " + *input + ", which is read"};
+      if (options_.path->resume) SCREE_TRY(check_replaceable(output.layer, name));
       is_whole = is_whole && has_whole_file(output.layer, name);
       if (options_.path->resume || options_.existing == format::Existing::kReplace) continue;
       if (const Result<void> checked = check_output_file(name, options_.existing); !checked)
         return Error{checked.error().code, checked.error().message + "; --resume keeps complete frames"};
     }
     return is_whole;
+  }
+
+  /// Checks that --resume may replace a file: one that is missing, or a frame of this size, whole or not. The beginning
+  /// of a file that was lost with the machine's power may be zero. Error kFile.
+  Result<void> check_replaceable(Layer layer, const std::string& name) const {
+    std::string head(64, '\0');
+    std::ifstream file(name, std::ios::binary);
+    file.read(head.data(), static_cast<std::streamsize>(head.size()));
+    head.resize(static_cast<size_t>(file.gcount()));
+    if (layer == Layer::kSamples || head.empty() || head[0] == 0) return {};
+    const std::string begin = beginning(layer);
+    const auto has = [&](size_t count) {
+      return head.substr(0, count) == begin.substr(0, std::min(count, head.size()));
+    };
+    if (!has(layer == Layer::kDepth ? 3 : 8))  // "Pf", or the signature of a PNG
+      return Error{ErrorCode::kFile, name + ": is no frame; --resume does not replace it"};
+    if (!has(begin.size()))
+      return Error{ErrorCode::kFile, name + ": is a frame of another size; --resume does not replace it"};
+    return {};
+  }
+
+  /// The first bytes of a frame of this size: of a PFM, or of a PNG.
+  std::string beginning(Layer layer) const {
+    if (layer == Layer::kDepth) return "Pf\n" + std::to_string(width()) + " " + std::to_string(height()) + "\n-1.0\n";
+    std::string begin("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
+    for (const uint32_t side : {width(), height()})
+      for (int shift = 24; shift >= 0; shift -= 8) begin += static_cast<char>(side >> shift & 0xff);
+    return begin;
   }
 
   /// Whether a file begins and ends like an output of a frame of this size.
@@ -180,14 +209,10 @@ class PathRenderer {
     std::string head(64, '\0'), tail(12, '\0');
     std::ifstream file(name, std::ios::binary);
     file.read(head.data(), static_cast<std::streamsize>(std::min<uint64_t>(head.size(), bytes)));
-    if (layer == Layer::kDepth) {
-      const std::string begin = "Pf\n" + std::to_string(width()) + " " + std::to_string(height()) + "\n-1.0\n";
+    const std::string begin = beginning(layer);
+    if (layer == Layer::kDepth)
       return file && head.starts_with(begin) && bytes == begin.size() + pixels() * sizeof(float);
-    }
     if (!file || bytes < 45 || !file.seekg(-12, std::ios::end) || !file.read(tail.data(), 12)) return false;
-    std::string begin("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
-    for (const uint32_t side : {width(), height()})
-      for (int shift = 24; shift >= 0; shift -= 8) begin += static_cast<char>(side >> shift & 0xff);
     return head.starts_with(begin) && tail == std::string("\0\0\0\0IEND\xae\x42\x60\x82", 12);
   }
 

@@ -133,8 +133,12 @@ TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]"
   CHECK(read_bytes(path.name("f_03.png")) == before);
   CHECK(fs::file_size(path.name("f_02.pfm")) == 40 * 30 * 4 + std::string("Pf\n40 30\n-1.0\n").size());
   CHECK(fs::exists(path.name("f_01.bin")));
-  // Frames of another size are drawn again.
-  REQUIRE(path.draw({"--resume"}, "f_%02d", "20x10"));
+  // Neither a frame of another size nor another file is replaced.
+  check_refusal(path.draw({"--resume"}, "f_%02d", "20x10"), ErrorCode::kFile, "f_00.png: is a frame of another size");
+  CHECK(read_bytes(path.name("f_03.png")) == before);
+  std::ofstream(path.name("f_04.pfm")) << "a text";
+  check_refusal(path.draw({"--resume"}), ErrorCode::kFile, "f_04.pfm: is no frame; --resume does not replace it");
+  REQUIRE(path.draw({"--force"}, "f_%02d", "20x10"));
   CHECK(read_bytes(path.name("f_00.bin")).size() == 20 * 10 * 8);
 }
 

@@ -1,6 +1,10 @@
 #include "tools/common/output/output_file.h"
 
+#include <filesystem>
+
 #include <sys/stat.h>
+
+#include "format/text.h"
 
 namespace scree::tools {
 
@@ -12,6 +16,13 @@ Result<void> check_output_file(const std::string& path, format::Existing existin
   if (::lstat(path.c_str(), &status) != 0) return {};
   if (S_ISDIR(status.st_mode)) return Error{ErrorCode::kFile, path + ": is a folder"};
   return Error{ErrorCode::kFile, path + ": exists already; --force replaces it"};
+}
+
+Result<void> check_no_gltf(const std::string& path, const char* command) {
+  const std::string extension = format::lower_case(std::filesystem::path(path).extension().string());
+  if (extension != ".gltf" && extension != ".glb") return {};
+  return Error{ErrorCode::kUsage, "--output: '" + path + "' has the extension of a glTF, but " + command +
+                                      " writes a scree file (scree export writes a glTF)"};
 }
 
 }  // namespace scree::tools

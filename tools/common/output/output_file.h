@@ -12,6 +12,9 @@ namespace scree::tools {
 /// standard output is not supported; kFile: with Existing::kRefuse, a file has that name, and --force would replace it.
 Result<void> check_output_file(const std::string& path, format::Existing existing);
 
+/// Error kUsage if an output of `command`, which writes a .scree file, has the extension of a glTF.
+Result<void> check_no_gltf(const std::string& path, const char* command);
+
 /// The meaning of the flag --force.
 inline format::Existing existing_of(bool force) {
   return force ? format::Existing::kReplace : format::Existing::kRefuse;

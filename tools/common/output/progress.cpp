@@ -1,5 +1,6 @@
 #include "tools/common/output/progress.h"
 
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -45,8 +46,13 @@ void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::st
   // The code that clears the rest of the line comes last, so that nothing of a longer line remains.
   const std::string more = detail ? "; " + detail() : "";
   const std::string size = bytes > 0 ? format_bytes(bytes) + ", " : "";
-  std::fprintf(stderr, "\r%s: %3.0f%%, %s%s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share), size.c_str(),
-               format_count(rate).c_str(), things_.c_str(), left.c_str(), more.c_str());
+  char percent[16];
+  std::snprintf(percent, sizeof percent, ": %3.0f%%, ", std::floor(100 * share));
+  const std::string line = name_ + percent + size + format_count(rate) + " " + things_ + "/s, " + left + more;
+  // A longer line would wrap, and the next one would begin in its second row.
+  winsize window{};
+  const size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col > 1 ? window.ws_col - 1u : 200;
+  std::fprintf(stderr, "\r%s\x1b[K", line.substr(0, columns).c_str());
   std::fflush(stderr);
   shown_ = true;
 }

@@ -12,6 +12,7 @@
 #include "format/bytes.h"
 #include "format/container/part_file.h"
 #include "format/text.h"
+#include "tools/common/options/options.h"
 #include "tools/common/output/output_file.h"
 #include "tools/gltf/write/replacement.h"
 #include "tools/gltf/write/write_parts.h"
@@ -342,11 +343,18 @@ void GltfWriter::stop_on(const std::atomic<bool>* stop) {
   state_->stop = stop;
 }
 
-Result<void> GltfWriter::check_images(std::span<const PlannedImage> planned) const {
+Result<void> GltfWriter::check_files(std::span<const PlannedImage> planned, const std::string& source) const {
+  const auto check_source = [&](const std::string& file) -> Result<void> {
+    if (!is_same_file(file, source)) return {};
+    return Error{ErrorCode::kUsage, file + ": the output would replace the file that is read"};
+  };
+  SCREE_TRY(check_source(state_->path.string()));
   if (state_->glb) return {};
+  SCREE_TRY(check_source(state_->sibling(state_->buffer_file)));
   std::set<std::string> taken = state_->image_names;
   for (const PlannedImage& image : planned) {
     const std::string file = state_->sibling(state_->image_file_name(image.name, image.codec, taken));
+    SCREE_TRY(check_source(file));
     SCREE_TRY(check_output_file(file, state_->existing));
   }
   return {};

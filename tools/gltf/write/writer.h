@@ -141,13 +141,14 @@ class GltfWriter {
   /// From now on writing fails with kFile "interrupted" once `stop` is raised.
   void stop_on(const std::atomic<bool>* stop);
 
-  /// Checks whether the files of these images, in the order of their add_image(), exist already, with
-  /// Existing::kRefuse; add_image() would find them only later. Errors kFile.
+  /// Checks that no file of the output is `source`, which is read. Also checks whether the files of these images, in
+  /// the order of their add_image(), exist already, with Existing::kRefuse; add_image() would find them only later.
+  /// Errors kUsage, kFile.
   struct PlannedImage {
     std::string_view name;
     format::ImageCodec codec;
   };
-  Result<void> check_images(std::span<const PlannedImage> planned) const;
+  Result<void> check_files(std::span<const PlannedImage> planned, const std::string& source) const;
   GltfWriter(GltfWriter&&) noexcept;
   GltfWriter& operator=(GltfWriter&&) noexcept;
   ~GltfWriter();
