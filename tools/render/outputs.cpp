@@ -1,9 +1,7 @@
 #include "tools/render/outputs.h"
 
 #include <cstdio>
-#include <vector>
 
-#include "runtime/draw/pick.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tools/common/output/text_table.h"
@@ -76,17 +74,38 @@ Result<runtime::Duration> write_outputs(const RenderOptions& options, const runt
   return taken;
 }
 
-Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
-                         std::span<const uint64_t> samples) {
-  std::string text;
+Result<std::vector<FoundPick>> find_picks(const RenderOptions& options, const runtime::Scene& scene,
+                                          const kernels::View& view, std::span<const uint64_t> samples) {
+  std::vector<FoundPick> picks;
   for (const PixelPlace& place : options.picks) {
     const uint64_t index = runtime::sample_index(view, options.samples_per_side, place.x, place.y);
-    const std::optional<runtime::Pick> pick = SCREE_TRY(runtime::pick_sample(scene, view, samples[index]));
-    text += describe_pick(scene.container(), place, pick);
+    picks.push_back({place, SCREE_TRY(runtime::pick_sample(scene, view, samples[index]))});
   }
   SCREE_TRY(check_unchanged(scene.file().map()));
-  std::fwrite(text.data(), 1, text.size(), stdout);
-  return {};
+  return picks;
+}
+
+void print_picks(const format::Container& container, std::span<const FoundPick> picks) {
+  for (const FoundPick& found : picks) std::fputs(describe_pick(container, found.place, found.pick).c_str(), stdout);
+}
+
+void write_picks(JsonWriter& json, const format::Container& container, std::span<const FoundPick> picks) {
+  if (picks.empty()) return;
+  json.objects("picks", picks, [&](const FoundPick& found) {
+    json.member("x", found.place.x);
+    json.member("y", found.place.y);
+    json.member("hit", found.pick.has_value());
+    if (!found.pick) return;
+    const runtime::Pick& pick = *found.pick;
+    json.member("node", pick.node);
+    json.member("node_name", container.string(container.nodes()[pick.node].name));
+    json.member("node_instance", pick.node_instance);
+    json.member("mesh", pick.mesh);
+    json.member("mesh_name", container.string(container.groups()[container.meshes()[pick.mesh].group].name));
+    json.member("mesh_triangle", pick.mesh_triangle);
+    if (pick.source_triangle) json.member("source_triangle", *pick.source_triangle);
+    json.member("depth", pick.depth);
+  });
 }
 
 }  // namespace scree::tools

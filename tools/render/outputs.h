@@ -2,15 +2,19 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "format/result.h"
+#include "runtime/draw/pick.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
 #include "runtime/threads/workers.h"
+#include "tools/common/output/json_writer.h"
 #include "tools/render/layers.h"
 #include "tools/render/render_options.h"
 
@@ -33,9 +37,21 @@ Result<void> write_picture(const RenderOptions& options, const std::string& path
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
                                         const FrameOutputs& outputs);
 
-/// Prints a line for each of options.picks. `view`: in samples. Errors as pick_sample().
-Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
-                         std::span<const uint64_t> samples);
+/// The surface at a pixel; nullopt on the background.
+struct FoundPick {
+  PixelPlace place;
+  std::optional<runtime::Pick> pick;
+};
+
+/// Finds options.picks. `view`: in samples. Errors as pick_sample().
+Result<std::vector<FoundPick>> find_picks(const RenderOptions& options, const runtime::Scene& scene,
+                                          const kernels::View& view, std::span<const uint64_t> samples);
+
+/// Prints a line for each pick.
+void print_picks(const format::Container& container, std::span<const FoundPick> picks);
+
+/// Writes the member "picks", if there are any.
+void write_picks(JsonWriter& json, const format::Container& container, std::span<const FoundPick> picks);
 
 /// "12 (Rock)".
 std::string number_and_name(uint64_t number, std::string_view name);

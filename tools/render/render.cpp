@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -184,9 +185,9 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
               places.c_str());
 }
 
-/// Prints the same and the counts as one JSON object.
+/// Prints the same, the counts and the picks as one JSON object.
 void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::ViewRenderer& frame,
-                const Times& times) {
+                const Times& times, std::span<const FoundPick> picks) {
   const std::string text = json_object([&](JsonWriter& json) {
     json.member("file", options.file);
     for (const auto& [name, path] : options.outputs())
@@ -208,6 +209,7 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
     json.member("shade_ms", times.shade.wall_ms);
     json.member("write_ms", times.write.wall_ms);
     if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
+    write_picks(json, scene.container(), picks);
   });
   std::printf("%s\n", text.c_str());
 }
@@ -346,12 +348,13 @@ Result<void> render(const RenderOptions& options) {
   if (!outputs) return at(options.file, with_cpu_advice(outputs.error()));
   const runtime::ViewRenderer& frame = *renderer;
   times.write = SCREE_TRY(write_outputs(options, scene.file().map(), *outputs));
-  SCREE_TRY(print_picks(options, scene, frame.view(), outputs->samples));
+  const std::vector<FoundPick> picks = SCREE_TRY(find_picks(options, scene, frame.view(), outputs->samples));
+  if (!options.json) print_picks(scene.container(), picks);
   if (!options.quiet)
     warn_of_layers("render", options.file, times.blended.samples_left_out, "sample", times.blended.layers);
   if (options.stats) print_stats(scene, frame, view, times);
   if (options.json) {
-    print_json(options, scene, frame, times);
+    print_json(options, scene, frame, times, picks);
   } else if (!options.quiet) {
     print_summary(options, scene, frame, times);
   }
@@ -447,7 +450,7 @@ Command add_render(CLI::App& parent) {
   add_texture_options(*app, words->textures);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
-  app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");
+  app->add_flag("--json", words->json, "Print one JSON object instead of the closing line and the lines of --pick");
   app->add_flag("-q,--quiet", words->quiet, "No closing line and no warnings");
   return {app, [words] { return run(*words); }};
 }

@@ -352,6 +352,10 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (!words.layers.empty()) options.layers = SCREE_TRY(parse_layers(words.layers));
   options.layers.float_color = words.float_color;
   options.existing = words.force ? format::Existing::kReplace : format::Existing::kRefuse;
+  for (const auto& [name, is_given] :
+       {std::pair("--stats", words.stats), std::pair("--list-cameras", words.list_cameras)})
+    if (words.json && is_given)
+      return Error{ErrorCode::kUsage, std::string("--json and ") + name + " exclude each other"};
   SCREE_TRY(parse_camera(words, options.camera));
   if (!words.clip_box.empty()) options.camera.clip_box = SCREE_TRY(parse_clip_box(words.clip_box));
   options.shade.show = SCREE_TRY(parse_show(words.show));

@@ -68,7 +68,9 @@ class RankedPicture {
     outputs_.rgba = std::as_bytes(std::span(rgba));
     outputs_.samples = frame_.samples();
     SCREE_TRY(write_outputs(options_, frame_.scene().file().map(), outputs_));
-    return print_picks(options_, frame_.scene(), frame_.view(), frame_.samples());
+    picks_ = SCREE_TRY(find_picks(options_, frame_.scene(), frame_.view(), frame_.samples()));
+    if (!options_.json) print_picks(frame_.scene().container(), picks_);
+    return {};
   }
 
   Result<void> report() {
@@ -95,6 +97,7 @@ class RankedPicture {
         json.member("shade_ms", sums[2] * each);
         json.member("exchange", frame_.way());
         json.member("exchange_ms", times.exchange);
+        write_picks(json, frame_.scene().container(), picks_);
       });
       std::printf("%s\n", text.c_str());
     } else if (!options_.quiet) {
@@ -115,6 +118,7 @@ class RankedPicture {
   Ranks& ranks_;
   RankedFrame frame_;
   FrameOutputs outputs_;
+  std::vector<FoundPick> picks_;
 };
 
 }  // namespace
