@@ -221,7 +221,11 @@ class Heard {
     if (raised_) std::rethrow_exception(raised_);
   }
 
-  const std::vector<std::string>& warnings() const { return warnings_; }
+  py::list warnings() const {
+    py::list lines;
+    for (const std::string& line : warnings_) lines.append(text_of(line));
+    return lines;
+  }
 
  private:
   static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
@@ -276,7 +280,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   heard.listen(options, [&] {
     loaded = std::shared_ptr<scree::Scene>(new scree::Scene(file.handle(), options), &end<scree::Scene>);
   });
-  for (const std::string& line : heard.warnings()) warnings.append(text_of(line));
+  for (const py::handle line : heard.warnings()) warnings.append(line);
   return loaded;
 }
 
@@ -307,11 +311,10 @@ py::dict convert(const std::string& input, const std::optional<std::string>& out
   Heard heard(progress);
   scree_convert_report report{};
   heard.listen(options, [&] { report = scree::convert(input, output.value_or(""), options); });
-  py::list warnings;
-  for (const std::string& line : heard.warnings()) warnings.append(text_of(line));
   return py::dict("input_bytes"_a = report.input_bytes, "output_bytes"_a = report.output_bytes,
                   "triangles"_a = report.triangles, "meshes"_a = report.meshes,
-                  "position_error"_a = report.position_error, "seconds"_a = report.seconds, "warnings"_a = warnings);
+                  "position_error"_a = report.position_error, "seconds"_a = report.seconds,
+                  "warnings"_a = heard.warnings());
 }
 
 PyObject* error_class = nullptr;  // lives as long as the interpreter

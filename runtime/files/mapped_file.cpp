@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "format/bytes.h"
+#include "runtime/files/file_state.h"
 
 namespace scree::runtime {
 namespace {
@@ -74,7 +75,7 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   if (address == MAP_FAILED) return system_error(path, "cannot map", errno);
   mapped.data_ = static_cast<const std::byte*>(address);
   mapped.size_ = size;
-  mapped.changed_ = status.st_mtim;
+  mapped.opened_ = status;
   mapped.descriptor_ = file.release();
   ::madvise(address, static_cast<size_t>(size), access == Access::kSequential ? MADV_SEQUENTIAL : MADV_NORMAL);
   return mapped;
@@ -83,7 +84,7 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
 MappedFile::MappedFile(MappedFile&& other) noexcept
     : data_(std::exchange(other.data_, nullptr)),
       size_(std::exchange(other.size_, 0)),
-      changed_(other.changed_),
+      opened_(other.opened_),
       descriptor_(std::exchange(other.descriptor_, -1)),
       path_(std::move(other.path_)) {}
 
@@ -92,7 +93,7 @@ MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
   unmap();
   data_ = std::exchange(other.data_, nullptr);
   size_ = std::exchange(other.size_, 0);
-  changed_ = other.changed_;
+  opened_ = other.opened_;
   descriptor_ = std::exchange(other.descriptor_, -1);
   path_ = std::move(other.path_);
   return *this;
@@ -163,9 +164,13 @@ Result<void> MappedFile::check_unchanged() const {
     return Error{ErrorCode::kFile, std::string("cannot stat: ") + std::strerror(errno)};
   const auto size = static_cast<uint64_t>(status.st_size);
   if (size < size_) return ends_early(size, size_);
-  if (status.st_mtim.tv_sec != changed_.tv_sec || status.st_mtim.tv_nsec != changed_.tv_nsec)
-    return Error{ErrorCode::kFile, "was changed after it was opened"};
+  if (!has_same_contents(status, opened_)) return Error{ErrorCode::kFile, "was changed after it was opened"};
   return {};
+}
+
+bool MappedFile::is_shorter() const {
+  struct stat status {};
+  return descriptor_ >= 0 && ::fstat(descriptor_, &status) == 0 && static_cast<uint64_t>(status.st_size) < size_;
 }
 
 void MappedFile::will_need(uint64_t offset, uint64_t size) const {

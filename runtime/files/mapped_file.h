@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include <time.h>
+#include <sys/stat.h>
 
 #include "format/result.h"
 
@@ -62,6 +62,9 @@ class MappedFile {
   /// file is shorter, its contents have a later time of change, or fstat() fails.
   Result<void> check_unchanged() const;
 
+  /// Whether the file ends before the mapped bytes now.
+  bool is_shorter() const;
+
   /// Asks the system to read [offset, offset + size) ahead; clipped to the file. A hint: failures are not reported.
   void will_need(uint64_t offset, uint64_t size) const;
 
@@ -74,7 +77,7 @@ class MappedFile {
 
   const std::byte* data_ = nullptr;
   uint64_t size_ = 0;
-  timespec changed_{};  // of the contents, when it was opened
+  struct stat opened_ {};
   int descriptor_ = -1;
   std::string path_;
 };

@@ -13,6 +13,7 @@
 
 #include "format/bytes.h"
 #include "format/fail.h"
+#include "runtime/files/file_state.h"
 #include "tools/common/jobs/stage_rates.h"
 
 namespace scree::convert {
@@ -32,10 +33,6 @@ Error file_error(const std::string& path, int number) {
 // O_NONBLOCK: opening a FIFO must not wait for a writer. It has no effect on regular files.
 int open_read_only(const std::string& path) {
   return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-}
-
-bool is_same(const timespec& a, const timespec& b) {
-  return a.tv_sec == b.tv_sec && a.tv_nsec == b.tv_nsec;
 }
 
 class FileSource final : public ByteSource {
@@ -74,9 +71,9 @@ class FileSource final : public ByteSource {
   Result<void> check_same(int descriptor) const {
     struct stat now {};
     if (::fstat(descriptor, &now) != 0) return file_error(path_, errno);
-    if (now.st_dev != first_.st_dev || now.st_ino != first_.st_ino)
+    if (!runtime::is_one_file(now, first_))
       return Error{ErrorCode::kFile, path_ + ": was replaced by another file while it was being read"};
-    if (now.st_size != first_.st_size || !is_same(now.st_mtim, first_.st_mtim))
+    if (!runtime::has_same_contents(now, first_))
       return Error{ErrorCode::kFile, path_ + ": was changed while it was being read"};
     return {};
   }

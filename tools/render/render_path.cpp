@@ -163,32 +163,12 @@ class PathRenderer {
         if (!input->empty() && is_same_file(name, *input))
           return Error{ErrorCode::kUsage,
                        "frame " + std::to_string(frame) + " would replace " + *input + ", which is read"};
-      if (options_.path->resume) SCREE_TRY(check_replaceable(output.layer, name));
-      is_whole = is_whole && has_whole_file(output.layer, name);
+      if (options_.path->resume && !SCREE_TRY(has_whole_file(output.layer, name))) is_whole = false;
       if (options_.path->resume || options_.existing == format::Existing::kReplace) continue;
       if (const Result<void> checked = check_output_file(name, options_.existing); !checked)
         return Error{checked.error().code, checked.error().message + "; --resume keeps complete frames"};
     }
     return is_whole;
-  }
-
-  /// Checks that --resume may replace a file: one that is missing, or a frame of this size, whole or not. The beginning
-  /// of a file that was lost with the machine's power may be zero. Error kFile.
-  Result<void> check_replaceable(Layer layer, const std::string& name) const {
-    std::string head(64, '\0');
-    std::ifstream file(name, std::ios::binary);
-    file.read(head.data(), static_cast<std::streamsize>(head.size()));
-    head.resize(static_cast<size_t>(file.gcount()));
-    if (layer == Layer::kSamples || head.empty() || head[0] == 0) return {};
-    const std::string begin = beginning(layer);
-    const auto has = [&](size_t count) {
-      return head.substr(0, count) == begin.substr(0, std::min(count, head.size()));
-    };
-    if (!has(layer == Layer::kDepth ? 3 : 8))  // "Pf", or the signature of a PNG
-      return Error{ErrorCode::kFile, name + ": is no frame; --resume does not replace it"};
-    if (!has(begin.size()))
-      return Error{ErrorCode::kFile, name + ": is a frame of another size; --resume does not replace it"};
-    return {};
   }
 
   /// The first bytes of a frame of this size: of a PFM, or of a PNG.
@@ -200,20 +180,30 @@ class PathRenderer {
     return begin;
   }
 
-  /// Whether a file begins and ends like an output of a frame of this size.
-  bool has_whole_file(Layer layer, const std::string& name) const {
+  /// Whether a file begins and ends like an output of a frame of this size. Error kFile: --resume must not replace it,
+  /// because it is a frame of another size, or none. The beginning of a file that was lost with the machine's power may
+  /// be zero.
+  Result<bool> has_whole_file(Layer layer, const std::string& name) const {
     std::error_code failed;
     const uint64_t bytes = std::filesystem::file_size(name, failed);
     if (failed) return false;
     if (layer == Layer::kSamples) return bytes == samples() * sizeof(uint64_t);
-    std::string head(64, '\0'), tail(12, '\0');
-    std::ifstream file(name, std::ios::binary);
-    file.read(head.data(), static_cast<std::streamsize>(std::min<uint64_t>(head.size(), bytes)));
     const std::string begin = beginning(layer);
-    if (layer == Layer::kDepth)
-      return file && head.starts_with(begin) && bytes == begin.size() + pixels() * sizeof(float);
-    if (!file || bytes < 45 || !file.seekg(-12, std::ios::end) || !file.read(tail.data(), 12)) return false;
-    return head.starts_with(begin) && tail == std::string("\0\0\0\0IEND\xae\x42\x60\x82", 12);
+    std::string head(begin.size(), '\0'), tail(12, '\0');
+    std::ifstream file(name, std::ios::binary);
+    file.read(head.data(), static_cast<std::streamsize>(head.size()));
+    head.resize(static_cast<size_t>(file.gcount()));
+    if (head.empty() || head[0] == 0) return false;
+    const auto has = [&](size_t count) {
+      return head.substr(0, count) == begin.substr(0, std::min(count, head.size()));
+    };
+    if (!has(layer == Layer::kDepth ? 3 : 8))  // "Pf", or the signature of a PNG
+      return Error{ErrorCode::kFile, name + ": is no frame; --resume does not replace it"};
+    if (!has(begin.size()))
+      return Error{ErrorCode::kFile, name + ": is a frame of another size; --resume does not replace it"};
+    if (layer == Layer::kDepth) return bytes == begin.size() + pixels() * sizeof(float);
+    if (bytes < 45 || !file.seekg(-12, std::ios::end) || !file.read(tail.data(), 12)) return false;
+    return tail == std::string("\0\0\0\0IEND\xae\x42\x60\x82", 12);
   }
 
   uint64_t pixels() const { return uint64_t{width()} * height(); }

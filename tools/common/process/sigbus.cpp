@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "format/result.h"
+#include "runtime/files/file_state.h"
 
 namespace scree::tools {
 namespace {
@@ -53,9 +54,8 @@ std::atomic_flag is_said = ATOMIC_FLAG_INIT;
 
 bool is_overwritten() {
   struct stat now;
-  return watched[0] != 0 && ::stat(watched, &now) == 0 && now.st_dev == opened.st_dev && now.st_ino == opened.st_ino &&
-         (now.st_size != opened.st_size || now.st_mtim.tv_sec != opened.st_mtim.tv_sec ||
-          now.st_mtim.tv_nsec != opened.st_mtim.tv_nsec);
+  return watched[0] != 0 && ::stat(watched, &now) == 0 && runtime::is_one_file(now, opened) &&
+         !runtime::has_same_contents(now, opened);
 }
 
 extern "C" void on_sigbus(int) {
@@ -91,10 +91,8 @@ void report_sigbus(std::string_view command, std::string_view file) {
 }
 
 Result<void> check_unchanged(const runtime::MappedFile& map) {
-  const Result<void> checked = map.check_unchanged();
-  if (checked) return {};
-  const bool is_cut = checked.error().message.starts_with("ends at");
-  return Error{ErrorCode::kFile, map.path() + ": " + (is_cut ? kCutShort : kChanged)};
+  if (map.check_unchanged()) return {};
+  return Error{ErrorCode::kFile, map.path() + ": " + (map.is_shorter() ? kCutShort : kChanged)};
 }
 
 }  // namespace scree::tools

@@ -202,7 +202,7 @@ Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32
 
 Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning,
                                 runtime::TexelCoding coding = runtime::TexelCoding::kColor) {
-  convert::IndexedJpeg indexed = SCREE_TRY(convert::index_jpeg(file));
+  IndexedJpeg indexed = SCREE_TRY(index_jpeg(file));
   const format::JpegIndex index = SCREE_TRY(format::open_jpeg_index(indexed.bytes));
   StoredImage stored;
   stored.width = index.width;
@@ -210,7 +210,7 @@ Result<StoredImage> index_image(std::span<const std::byte> file, std::string war
   stored.channels = index.component_count;
   stored.warning = std::move(warning);
   if (!indexed.note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed.note;
-  stored.levels = SCREE_TRY(convert::make_jpeg_levels(index, coding));
+  stored.levels = SCREE_TRY(make_jpeg_levels(index, coding));
   stored.base = std::move(indexed.bytes);
   return stored;
 }

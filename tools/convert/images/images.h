@@ -76,7 +76,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
 /// called for each of the others once it is written. While an image is indexed, about four times its file is held, and
 /// for images that are encoded again also the picture (10 bytes per pixel) or its coefficients (2 bytes per sample). As
 /// many images at a time are processed as fit ImageOptions::memory, but at least one. Errors as
-/// ContainerWriter::append, convert::index_jpeg and decode_image, with the image; kFile: an image has changed since it
+/// ContainerWriter::append, index_jpeg and decode_image, with the image; kFile: an image has changed since it
 /// was checked.
 Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
                           format::ContainerWriter& writer, const std::vector<StoredImageRecord>& stored,
