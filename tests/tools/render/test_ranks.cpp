@@ -442,7 +442,7 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
     for (int ranks = 2; ranks <= most_ranks; ++ranks) {
       INFO(ranks << " ranks, " << more);
       const std::string out = succeed(render_on_gpus(ranks, more + most_files + "--exchange nccl --json"), folder, 240);
-      const nlohmann::json report = nlohmann::json::parse(out.substr(out.rfind("{")));
+      const nlohmann::json report = nlohmann::json::parse(out);
       CHECK(report["exchange"] == "nccl");
       CHECK(report["gpus"] == ranks);
       CHECK(made() == expected);
