@@ -34,9 +34,9 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
     return checked;
   runtime::CameraOptions options{.width = width, .height = height};
   if (camera.fov_degrees != 0) {
-    if (!(camera.fov_degrees > 0 && camera.fov_degrees < 180))
+    if (!(camera.fov_degrees >= runtime::kSmallestFovDegrees && camera.fov_degrees < 180))
       return fail(SCREE_ERROR_ARGUMENT, "scree_camera::fov_degrees is " + std::to_string(camera.fov_degrees) +
-                                            ", expected an angle above 0 and below 180");
+                                            ", expected an angle of at least 1e-9 and below 180");
     options.fov_degrees = camera.fov_degrees;
   }
   if (camera.kind != SCREE_CAMERA_MATRICES && !are_finite({camera.eye, camera.target, camera.up}))

@@ -14,6 +14,7 @@
 #include "tools/common/options/command.h"
 #include "tools/common/options/suggest.h"
 #include "tools/common/options/version.h"
+#include "tools/common/output/standard_output.h"
 #include "tools/common/process/ranks.h"
 #include "tools/common/process/stop_signal.h"
 
@@ -21,7 +22,12 @@ namespace {
 
 /// Prints an error of parsing. For an unknown word the message names the nearest known option or subcommand.
 int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
-  if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+  if (error.get_exit_code() == 0) {  // --help, --version
+    app.exit(error);
+    const scree::Result<void> printed = scree::tools::finish_output();
+    if (!printed) std::fprintf(stderr, "scree: %s\n", printed.error().message.c_str());
+    return printed ? 0 : scree::exit_code(printed.error().code);
+  }
   const CLI::App* place = &app;
   for (const CLI::App* chosen : app.get_subcommands()) place = chosen;
   const std::string message = scree::tools::describe_parse_error(*place, error);

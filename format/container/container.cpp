@@ -84,6 +84,9 @@ Error not_scree(std::span<const std::byte> file) {
   const size_t first = head.find_first_not_of(" \t\r\n\xef\xbb\xbf");
   if (first != std::string_view::npos && head[first] == '{')
     return fail(ErrorCode::kFormat, "not a scree file but JSON: if this is a glTF, `scree convert` packs it first");
+  // convert writes the header last.
+  if (head.size() == 64 && head.find_first_not_of('\0') == std::string_view::npos)
+    return fail(ErrorCode::kFormat, "not a scree file, or one whose conversion did not end: it begins with zeros");
   return fail(ErrorCode::kFormat, "not a scree file");
 }
 

@@ -275,7 +275,7 @@ typedef struct scree_camera {
   double eye[3];
   double target[3];
   double up[3];          /* 0,0,0: y, or -z if the camera looks along y */
-  double fov_degrees;    /* vertical, below 180; 0: 45, or the camera's own */
+  double fov_degrees;    /* vertical, 1e-9 or more and below 180; 0: 45, or the camera's own */
   uint32_t look_at_box;  /* 1: LOOK_AT looks at the middle of the scene's box, not at `target` */
   double view[16];       /* row-major: from world to camera, which looks along -z with y up; no scale */
   double projection[16]; /* row-major: from camera to clip space as in OpenGL (w = -z, depths -1 to 1), perspective or

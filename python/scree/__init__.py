@@ -52,8 +52,8 @@ def _vector(name, value):
 
 
 def _fov(value):
-    if not 0 < value < 180:
-        raise ValueError(f"fov: {value}, expected above 0 and below 180")
+    if not 1e-9 <= value < 180:
+        raise ValueError(f"fov: {value}, expected at least 1e-9 and below 180")
     return value
 
 

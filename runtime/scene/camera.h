@@ -61,13 +61,14 @@ struct CameraOptions {
   // Direction of the default view: degrees to the right of the scene's front, and degrees above it, -90 to 90.
   double turn_degrees = 30;
   double rise_degrees = 20;
-  std::optional<double> fov_degrees = {};  // vertical, above 0 and below 180; replaces a document camera's own
+  std::optional<double> fov_degrees = {};  // vertical, at least 1e-9, below 180; replaces a document camera's own
   std::optional<WorldBox> clip_box = {};   // the view's clipping box; it does not change the camera
   uint32_t width = 1920;                   // of the picture, in samples; width / height is the aspect ratio
   uint32_t height = 1080;
 };
 
 inline constexpr double kDefaultFovDegrees = 45;
+inline constexpr double kSmallestFovDegrees = 1e-9;  // below it the sides of the picture get lost in rounding
 
 /// A camera as two row-major 4 x 4 matrices: world to camera, which looks along -z with y up, and camera to clip space,
 /// as in OpenGL (w = -z, depths from -1 to 1).

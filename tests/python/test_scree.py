@@ -526,7 +526,7 @@ class Package(unittest.TestCase):
                 (lambda: self.file.load(threads=-1), ValueError, "threads: -1, expected 0 to 4294967295"),
                 (lambda: scree.open("a\0b"), ValueError, "path: 'a.x00b' has a zero byte"),
                 (lambda: scree.look_at((1, 2)), TypeError, r"eye: \(1, 2\), expected three numbers"),
-                (lambda: scree.look_at((1, 2, 3), fov=0), ValueError, "fov: 0, expected above 0 and below 180"),
+                (lambda: scree.look_at((1, 2, 3), fov=0), ValueError, "fov: 0, expected at least 1e-9 and below 180"),
                 (lambda: scree.convert("a.glb", jpeg_quality=0), ValueError, "jpeg_quality: 0, expected 1 to 100"),
                 (lambda: view.draw_batch_to([None], {1: np.zeros(1)}), TypeError, "targets: the key 1"),
                 (lambda: view.draw_batch_to([None], {"depth": np.zeros(1)}, stream=2**63), ValueError, f"stream: {2**63}")):

@@ -234,6 +234,7 @@ Result<FileResult> measure_file(const std::string& path, const BenchOptions& opt
 }
 
 Result<void> run_bench(const BenchOptions& options) {
+  if (!options.csv.empty()) SCREE_TRY(check_rows(options));
   const std::optional<runtime::Gpu> gpu = SCREE_TRY(tools::choose_gpu("bench", options.backend, options.quiet));
   BenchReport report{options, gpu.has_value() ? gpu_machine(*gpu) : cpu_machine(), {}};
   Result<void> done;

@@ -75,4 +75,7 @@ std::string bench_text(const BenchReport& report);
 std::string bench_json(const BenchReport& report);
 Result<void> append_rows(const BenchReport& report);
 
+/// Finds the errors of append_rows() that are known before anything is measured.
+Result<void> check_rows(const BenchOptions& options);
+
 }  // namespace scree::bench

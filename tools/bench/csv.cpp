@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 
 #include <fcntl.h>
@@ -27,6 +28,15 @@ std::string quoted(const std::string& text) {
 
 Error file_error(const std::string& path) {
   return {ErrorCode::kFile, path + ": " + std::strerror(errno)};
+}
+
+/// Returns whether the file has no first line yet. Error kFormat: it is not `header`.
+Result<bool> lacks_header(const std::string& path, const std::string& header) {
+  std::ifstream in(path, std::ios::binary);
+  std::string line;
+  if (!in || !std::getline(in, line)) return true;
+  if (line == header) return false;
+  return Error{ErrorCode::kFormat, path + ": line 1 is not the header of this version; choose another file"};
 }
 
 }  // namespace
@@ -76,16 +86,7 @@ Result<void> append_csv(const std::string& path, const CsvCells& cells) {
   } const closes{file};
   while (::flock(file, LOCK_EX) != 0 && errno == EINTR) {
   }
-  bool is_new = true;
-  {
-    std::ifstream in(path, std::ios::binary);
-    std::string line;
-    if (in && std::getline(in, line)) {
-      is_new = false;
-      if (line != header)
-        return Error{ErrorCode::kFormat, path + ": line 1 is not the header of this version; choose another file"};
-    }
-  }
+  const bool is_new = SCREE_TRY(lacks_header(path, header));
   const off_t before = ::lseek(file, 0, SEEK_END);
   if (before < 0) return file_error(path);
   const std::string text = (is_new ? header + '\n' : std::string()) + csv_values(cells) + '\n';
@@ -100,6 +101,18 @@ Result<void> append_csv(const std::string& path, const CsvCells& cells) {
     done += static_cast<size_t>(written);
   }
   tools::note_written(path);
+  return {};
+}
+
+Result<void> check_csv(const std::string& path, const CsvCells& cells) {
+  if (::access(path.c_str(), F_OK) == 0) {
+    if (std::filesystem::is_directory(path)) return Error{ErrorCode::kFile, path + ": is a folder"};
+    if (::access(path.c_str(), W_OK) != 0) return file_error(path);
+    SCREE_TRY(lacks_header(path, csv_columns(cells)));
+    return {};
+  }
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  if (::access(folder.empty() ? "." : folder.c_str(), W_OK) != 0) return file_error(path);
   return {};
 }
 

@@ -30,4 +30,7 @@ void add_times(CsvCells& cells, const std::string& name, const std::optional<Tim
 /// header of `cells`, so the row would have the wrong columns.
 Result<void> append_csv(const std::string& path, const CsvCells& cells);
 
+/// Finds the errors of append_csv() that are known before there are values. Creates no file.
+Result<void> check_csv(const std::string& path, const CsvCells& cells);
+
 }  // namespace scree::bench

@@ -97,6 +97,41 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
   });
 }
 
+CsvCells view_cells(const BenchReport& report, const FileResult& file, const ViewResult& view) {
+  const BenchOptions& options = report.options;
+  CsvCells cells{{"commit", report.machine.commit},
+                 {"device", (file.gpus != 1 ? std::to_string(file.gpus) + " x " : "") + report.machine.device},
+                 {"driver", report.machine.driver},
+                 {"threads", csv_number(uint64_t{options.threads})},
+                 {"file", file.file},
+                 {"file_bytes", csv_number(file.file_bytes)},
+                 {"unique_triangles", csv_number(file.unique_triangles)},
+                 {"drawn_triangles", csv_number(file.drawn_triangles)}};
+  for (const bool is_cold : {true, false}) {
+    const LoadResult* load = nullptr;
+    for (const LoadResult& each : file.loads)
+      if (each.is_cold == is_cold) load = &each;
+    const std::string name = is_cold ? "disk_" : "cache_";
+    cells.emplace_back(name + "share", load != nullptr ? csv_number(load->cached_share) : "");
+    add_times(cells, name + "load", load != nullptr ? std::optional(load->load) : std::nullopt);
+    add_times(cells, name + "first_picture", load != nullptr ? std::optional(load->first_picture) : std::nullopt);
+    cells.emplace_back(name + "gb_per_s", load != nullptr ? csv_number(load->gb_per_s()) : "");
+  }
+  cells.emplace_back("read_bytes", csv_number(file.loads.back().read_bytes));
+  cells.emplace_back("device_bytes", csv_number(file.loads.back().device_bytes));
+  cells.emplace_back("view", view.name);
+  cells.emplace_back("width", csv_number(uint64_t{options.size.width}));
+  cells.emplace_back("height", csv_number(uint64_t{options.size.height}));
+  cells.emplace_back("samples_per_side", csv_number(uint64_t{options.samples_per_side}));
+  cells.emplace_back("frames", csv_number(uint64_t{view.frames}));
+  cells.emplace_back("first_ms", csv_number(view.first_ms));
+  add_times(cells, "draw", view.draw);
+  add_times(cells, "shade", view.shade);
+  cells.emplace_back("streamed_bytes", view.streamed_bytes ? csv_number(*view.streamed_bytes) : "");
+  cells.emplace_back("picture", hex(view.picture));
+  return cells;
+}
+
 }  // namespace
 
 std::string bench_text(const BenchReport& report) {
@@ -136,43 +171,15 @@ std::string bench_json(const BenchReport& report) {
 }
 
 Result<void> append_rows(const BenchReport& report) {
-  const BenchOptions& options = report.options;
-  for (const FileResult& file : report.files) {
-    for (const ViewResult& view : file.views) {
-      CsvCells cells{{"commit", report.machine.commit},
-                     {"device", (file.gpus != 1 ? std::to_string(file.gpus) + " x " : "") + report.machine.device},
-                     {"driver", report.machine.driver},
-                     {"threads", csv_number(uint64_t{options.threads})},
-                     {"file", file.file},
-                     {"file_bytes", csv_number(file.file_bytes)},
-                     {"unique_triangles", csv_number(file.unique_triangles)},
-                     {"drawn_triangles", csv_number(file.drawn_triangles)}};
-      for (const bool is_cold : {true, false}) {
-        const LoadResult* load = nullptr;
-        for (const LoadResult& each : file.loads)
-          if (each.is_cold == is_cold) load = &each;
-        const std::string name = is_cold ? "disk_" : "cache_";
-        cells.emplace_back(name + "share", load != nullptr ? csv_number(load->cached_share) : "");
-        add_times(cells, name + "load", load != nullptr ? std::optional(load->load) : std::nullopt);
-        add_times(cells, name + "first_picture", load != nullptr ? std::optional(load->first_picture) : std::nullopt);
-        cells.emplace_back(name + "gb_per_s", load != nullptr ? csv_number(load->gb_per_s()) : "");
-      }
-      cells.emplace_back("read_bytes", csv_number(file.loads.back().read_bytes));
-      cells.emplace_back("device_bytes", csv_number(file.loads.back().device_bytes));
-      cells.emplace_back("view", view.name);
-      cells.emplace_back("width", csv_number(uint64_t{options.size.width}));
-      cells.emplace_back("height", csv_number(uint64_t{options.size.height}));
-      cells.emplace_back("samples_per_side", csv_number(uint64_t{options.samples_per_side}));
-      cells.emplace_back("frames", csv_number(uint64_t{view.frames}));
-      cells.emplace_back("first_ms", csv_number(view.first_ms));
-      add_times(cells, "draw", view.draw);
-      add_times(cells, "shade", view.shade);
-      cells.emplace_back("streamed_bytes", view.streamed_bytes ? csv_number(*view.streamed_bytes) : "");
-      cells.emplace_back("picture", hex(view.picture));
-      SCREE_TRY(append_csv(options.csv, cells));
-    }
-  }
+  for (const FileResult& file : report.files)
+    for (const ViewResult& view : file.views) SCREE_TRY(append_csv(report.options.csv, view_cells(report, file, view)));
   return {};
+}
+
+Result<void> check_rows(const BenchOptions& options) {
+  FileResult file;
+  file.loads.emplace_back();
+  return check_csv(options.csv, view_cells({options, {}, {}}, file, {}));
 }
 
 }  // namespace scree::bench

@@ -72,7 +72,8 @@ Result<PathKey> read_key(const Json& object, bool& has_t) {
       has_t = true;
       key.t = SCREE_TRY(read_number(value, "t", 0, 1e9, "a time in seconds, 0 or more and below 1e9"));
     } else if (name == "fov") {
-      key.fov_degrees = SCREE_TRY(read_number(value, "fov", 1e-9, 180, "an angle above 0 and below 180 degrees"));
+      key.fov_degrees = SCREE_TRY(read_number(value, "fov", runtime::kSmallestFovDegrees, 180,
+                                              "an angle of at least 1e-9 and below 180 degrees"));
     } else if (name == "eye") {
       SCREE_TRY(read_numbers(value, "eye", 3, key.eye.data()));
     } else if (name == "target") {

@@ -22,7 +22,7 @@ struct PathKey {
   runtime::Vec3 eye{};
   runtime::Vec3 target{};
   runtime::Vec3 up{0, 1, 0};
-  double fov_degrees = runtime::kDefaultFovDegrees;  // vertical, above 0 and below 180
+  double fov_degrees = runtime::kDefaultFovDegrees;  // vertical, at least 1e-9 and below 180
 };
 
 class CameraPath {

@@ -163,8 +163,8 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
   if (camera.target && !camera.eye) return Error{ErrorCode::kUsage, "--target needs --eye"};
   if (!words.fov.empty()) {
     const std::optional<double> degrees = number(words.fov);
-    if (!degrees || !(*degrees > 0 && *degrees < 180))
-      return usage("--fov", words.fov, "an angle above 0 and below 180 degrees");
+    if (!degrees || !(*degrees >= runtime::kSmallestFovDegrees && *degrees < 180))
+      return usage("--fov", words.fov, "an angle of at least 1e-9 and below 180 degrees");
     camera.fov_degrees = *degrees;
   }
   return {};

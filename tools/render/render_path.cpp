@@ -265,8 +265,10 @@ class PathRenderer {
     camera.fov_degrees = key.fov_degrees;
     const Result<kernels::View> view = runtime::make_view(scene(), camera);
     if (view) return view;
-    return Error{view.error().code, options_.path->file + ": frame " + std::to_string(frame) + ", at " + number(key.t) +
-                                        " s: " + view.error().message};
+    const ErrorCode code =
+        view.error().code == ErrorCode::kUsage ? ErrorCode::kRange : view.error().code;  // the path's
+    return Error{code, options_.path->file + ": frame " + std::to_string(frame) + ", at " + number(key.t) +
+                           " s: " + view.error().message};
   }
 
   Result<void> check_cameras() const {

@@ -89,7 +89,7 @@ TEST_CASE("an error in a path is named with its place", "[path]") {
   CHECK(refusal(path_of("{" + kEye + ", \"fow\": 3}")) ==
         "key 0: has an unknown member \"fow\"; a key has t, eye, target, up, fov, matrix, name");
   CHECK(refusal(path_of("{" + kEye + ", \"fov\": 180}")) ==
-        "key 0: \"fov\" is not an angle above 0 and below 180 degrees");
+        "key 0: \"fov\" is not an angle of at least 1e-9 and below 180 degrees");
   CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {\"t\": 1, " + kEye + "}")) ==
         "key 1: its \"t\" is not later than that of the key before");
   CHECK(refusal(path_of("{\"t\": 1, " + kEye + "}, {" + kEye + "}")) == "key 1: has no \"t\", but key 0 has one");

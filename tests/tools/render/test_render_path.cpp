@@ -155,9 +155,9 @@ TEST_CASE("errors of a path are reported before anything is drawn", "[render][pa
         "--path needs file names for the frames, such as -o frame_%05d.png");
   // Frame 0 has its target at the eye.
   path.write_path("0, 0, 0");
-  check_usage(path.draw({}), "path.json: frame 0, at 0 s: the eye and the target are the");
+  check_refusal(path.draw({}), ErrorCode::kRange, "path.json: frame 0, at 0 s: the eye and the target are the");
   path.write_path("0, 3, 0");  // the view direction is parallel to up
-  check_usage(path.draw({}), "frame 0, at 0 s: up lies along");
+  check_refusal(path.draw({}), ErrorCode::kRange, "frame 0, at 0 s: up lies along");
   fs::remove(keys);
   check_refusal(path.draw({}), ErrorCode::kFile, "path.json: cannot be opened");
   CHECK(path.files() == 1);

@@ -11,10 +11,11 @@ namespace scree::tools {
 Result<void> check_output_file(const std::string& path, format::Existing existing) {
   if (path == "-")
     return Error{ErrorCode::kUsage, "the output '-': scree writes files, not standard output (./- is a file called -)"};
-  if (path.empty() || existing == format::Existing::kReplace) return {};
+  if (path.empty()) return {};
   struct stat status;
-  if (::lstat(path.c_str(), &status) != 0) return {};
-  if (S_ISDIR(status.st_mode)) return Error{ErrorCode::kFile, path + ": is a folder"};
+  if (::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
+    return Error{ErrorCode::kFile, path + (S_ISDIR(status.st_mode) ? ": is a folder" : ": is not a regular file")};
+  if (existing == format::Existing::kReplace || ::lstat(path.c_str(), &status) != 0) return {};
   return Error{ErrorCode::kFile, path + ": exists already; --force replaces it"};
 }
 

@@ -9,7 +9,7 @@
 namespace scree::tools {
 
 /// Checks whether `path` may be written. An empty path means no output and is accepted. Errors kUsage: it is "-", but
-/// standard output is not supported; kFile: with Existing::kRefuse, a file has that name, and --force would replace it.
+/// standard output is not supported; kFile: a folder or a device has that name, or, with Existing::kRefuse, any file.
 Result<void> check_output_file(const std::string& path, format::Existing existing);
 
 /// Error kUsage if an output of `command`, which writes a .scree file, has the extension of a glTF.
