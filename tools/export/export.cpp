@@ -329,8 +329,7 @@ struct Arguments {
 
 Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
   const auto file = SCREE_TRY(format::Container::open(map.bytes()));
-  if (convert::is_shard(file))
-    return Error{ErrorCode::kUnsupported, "is a shard of a conversion, without a scene; scree merge joins all shards"};
+  SCREE_TRY(convert::check_no_shard(file));
   uint64_t triangles = 0;
   for (uint64_t i = 0; i < file.meshes().size(); ++i) triangles += file.meshes()[i].triangle_count;
   Progress progress(!arguments.quiet);

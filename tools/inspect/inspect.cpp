@@ -14,6 +14,7 @@
 #include "tools/common/process/sigbus.h"
 #include "tools/compare/geometry.h"
 #include "tools/compare/report.h"
+#include "tools/convert/passes/shard.h"
 #include "tools/gltf/document/uri.h"
 #include "tools/gltf/source.h"
 #include "tools/inspect/report.h"
@@ -45,6 +46,7 @@ std::optional<Error> bound_error(const compare::GeometryReport& report, const In
 }
 
 Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) try {
+  SCREE_TRY(convert::check_no_shard(file));
   const convert::SourceScene source = SCREE_TRY(
       convert::import_gltf(options.source, {.exclude = options.exclude, .allow_outside = options.allow_outside}));
   return compare::compare_geometry(source, file);

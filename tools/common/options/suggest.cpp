@@ -35,13 +35,26 @@ std::vector<std::string> known_words(const CLI::App& app, bool options) {
   return words;
 }
 
+/// The error's text. Replaces CLI11's words for a missing value ("NAME: 1 required TYPE missing") and for an option
+/// that is given twice ("NAME: At Most 1 required but received 2").
+std::string text_of(const CLI::ParseError& error) {
+  constexpr std::string_view kMissing = ": 1 required ", kTwice = ": At Most 1 required but received ";
+  const std::string text = error.what();
+  if (const size_t end = text.find(kTwice); end != std::string::npos)
+    return text.substr(0, end) + ": given " + text.substr(end + kTwice.size()) + " times, expected once";
+  const size_t end = text.find(kMissing), rest = text.rfind(" missing");
+  if (end == std::string::npos || rest == std::string::npos) return text;
+  const size_t type = end + kMissing.size();
+  return text.substr(0, end) + ": no value, expected " + text.substr(type, rest - type);
+}
+
 }  // namespace
 
 std::string describe_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   std::string unknown;
   for (const std::string& word : app.remaining())
     if (unknown.empty() || (word.starts_with("--") && !unknown.starts_with("--"))) unknown = word;
-  if (unknown.empty()) return error.what();
+  if (unknown.empty()) return text_of(error);
   const bool is_option = unknown.starts_with("-");
   unknown = unknown.substr(0, unknown.find('='));
   std::string message = (is_option ? "unknown option " : "unknown argument ") + unknown;

@@ -7,7 +7,7 @@
 
 namespace scree::tools {
 
-/// One line: CLI11's error, and "did you mean --size?" if a known name is at most two edits (a third of its length for
+/// One line: the error, and "did you mean --size?" if a known name is at most two edits (a third of its length for
 /// long names) away from the unknown word.
 std::string describe_parse_error(const CLI::App& app, const CLI::ParseError& error);
 

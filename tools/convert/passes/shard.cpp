@@ -145,6 +145,11 @@ bool is_shard(const format::Container& container) {
   return false;
 }
 
+Result<void> check_no_shard(const format::Container& container) {
+  if (!is_shard(container)) return {};
+  return Error{ErrorCode::kUnsupported, "is a shard of a conversion, without a scene; scree merge joins all shards"};
+}
+
 std::filesystem::path whole_path(const std::string& path) {
   std::error_code error;
   const std::filesystem::path whole = std::filesystem::absolute(path, error);

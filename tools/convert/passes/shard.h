@@ -64,6 +64,8 @@ Result<ShardShare> unpack_share(std::span<const std::byte> bytes);
 
 /// Whether a .scree file is a shard.
 bool is_shard(const format::Container& container);
+/// Error kUnsupported if it is one: it has no scene.
+Result<void> check_no_shard(const format::Container& container);
 
 /// Items [first, end).
 struct Part {
