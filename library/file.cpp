@@ -27,7 +27,7 @@ scree_status check_index(uint64_t index, uint64_t count, const char* what) {
 }
 
 /// The functions that fill in an Info for a record by index. `count`: count(container), the number of records. `fill`:
-/// fill(container, info).
+/// fill(file, info).
 template <class Info, class Count, class Fill>
 scree_status get(scree_file* file, uint64_t index, Info* info, const char* type, const char* what, const Count& count,
                  const Fill& fill) {
@@ -36,7 +36,7 @@ scree_status get(scree_file* file, uint64_t index, Info* info, const char* type,
     const format::Container& container = opened.file.container();
     if (const scree_status checked = check_index(index, count(container), what); checked != SCREE_OK) return checked;
     Info out{};
-    if (const scree_status filled = fill(container, out); filled != SCREE_OK) return filled;
+    if (const scree_status filled = fill(opened, out); filled != SCREE_OK) return filled;
     give(info, out);
     return SCREE_OK;
   });
@@ -74,7 +74,7 @@ scree_status scree_open(const char* path, scree_file** file) {
     if (file == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_open: file is null");
     scree::Result<scree::runtime::SceneFile> opened = scree::runtime::SceneFile::open(path);
     if (!opened) return fail(opened.error(), Subject::kData);
-    *file = Files::all().add(std::make_shared<File>(File{std::move(*opened)}));
+    *file = Files::all().add(std::make_shared<File>(std::move(*opened)));
     return SCREE_OK;
   });
 }
@@ -107,12 +107,13 @@ scree_status scree_get_file_info(scree_file* file, scree_file_info* info) {
 scree_status scree_get_scene_info(scree_file* file, uint32_t index, scree_scene_info* info) {
   return get(
       file, index, info, "scree_scene_info", "scene", [](const Container& c) { return c.scenes().size(); },
-      [&](const Container& container, scree_scene_info& out) {
+      [&](const File& opened, scree_scene_info& out) {
+        const Container& container = opened.file.container();
         const scree::format::SceneRecord& record = container.scenes()[index];
         out.name = name_of(container, record.name);
         out.triangles = record.triangle_count;
         out.instances = record.instance_count;
-        out.cameras = static_cast<uint32_t>(scree::runtime::placed_cameras(container, index).size());
+        out.cameras = static_cast<uint32_t>(opened.cameras(index).size());
         return SCREE_OK;
       });
 }
@@ -120,7 +121,8 @@ scree_status scree_get_scene_info(scree_file* file, uint32_t index, scree_scene_
 scree_status scree_get_mesh_info(scree_file* file, uint32_t index, scree_mesh_info* info) {
   return get(
       file, index, info, "scree_mesh_info", "mesh", [](const Container& c) { return c.meshes().size(); },
-      [&](const Container& container, scree_mesh_info& out) {
+      [&](const File& opened, scree_mesh_info& out) {
+        const Container& container = opened.file.container();
         const scree::format::MeshRecord& record = container.meshes()[index];
         out.name = name_of(container, container.groups()[record.group].name);
         out.triangles = record.triangle_count;
@@ -137,7 +139,8 @@ scree_status scree_get_mesh_info(scree_file* file, uint32_t index, scree_mesh_in
 scree_status scree_get_material_info(scree_file* file, uint32_t index, scree_material_info* info) {
   return get(
       file, index, info, "scree_material_info", "material", [](const Container& c) { return c.materials().size(); },
-      [&](const Container& container, scree_material_info& out) {
+      [&](const File& opened, scree_material_info& out) {
+        const Container& container = opened.file.container();
         const scree::format::MaterialRecord& record = container.materials()[index];
         out.name = name_of(container, record.name);
         std::copy_n(record.base_color, 4, out.base_color);
@@ -150,11 +153,11 @@ scree_status scree_get_material_info(scree_file* file, uint32_t index, scree_mat
 scree_status scree_get_camera_info(scree_file* file, uint32_t scene, uint32_t index, scree_camera_info* info) {
   return get(
       file, scene, info, "scree_camera_info", "scene", [](const Container& c) { return c.scenes().size(); },
-      [&](const Container& container, scree_camera_info& out) {
-        const std::vector<scree::runtime::PlacedCamera> cameras = scree::runtime::placed_cameras(container, scene);
+      [&](const File& opened, scree_camera_info& out) {
+        const std::vector<scree::runtime::PlacedCamera>& cameras = opened.cameras(scene);
         if (const scree_status checked = check_index(index, cameras.size(), "camera"); checked != SCREE_OK)
           return checked;
-        out = describe(container, cameras[index]);
+        out = describe(opened.file.container(), cameras[index]);
         return SCREE_OK;
       });
 }

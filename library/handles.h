@@ -7,16 +7,30 @@
 #include <shared_mutex>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "library/status.h"
 #include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/view_renderer.h"
+#include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 
 namespace scree::library {
 
 struct File {
-  runtime::SceneFile file;
+  explicit File(runtime::SceneFile opened) : file(std::move(opened)) {}
+
+  /// The cameras of a scene, found once: they need the matrices of all nodes. Thread-safe; throws std::bad_alloc.
+  const std::vector<runtime::PlacedCamera>& cameras(uint32_t scene) const {
+    const std::lock_guard lock(mutex);
+    const auto found = found_cameras.find(scene);
+    if (found != found_cameras.end()) return found->second;
+    return found_cameras.emplace(scene, runtime::placed_cameras(file.container(), scene)).first->second;
+  }
+
+  const runtime::SceneFile file;
+  mutable std::mutex mutex;
+  mutable std::unordered_map<uint32_t, std::vector<runtime::PlacedCamera>> found_cameras;
 };
 
 struct LoadedFile {

@@ -28,8 +28,8 @@ LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "
 def _bytes(name, text):
     """A path or a name for the library: any text, but without a zero byte, at which C would end it."""
     data = os.fsencode(text)
-    if b"\0" in data:
-        raise ValueError(f"{name}: {text!r} has a zero byte")
+    if not data or b"\0" in data:
+        raise ValueError(f"{name}: {text!r} {'has a zero byte' if data else 'is empty'}")
     return data
 
 
@@ -291,8 +291,8 @@ class View:
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
         - `background` (0, 0, 0, 0): linear RGBA.
 
-        Raises TypeError for an unknown option or a value of another type, ValueError for an unknown word, a negative number or
-        a size of 0, scree.Error for numbers that are too large, an invalid or missing camera, or a GPU that fails.
+        Raises TypeError for an unknown option or a value of another type, such as a negative number of layers; ValueError for an
+        unknown word or a size of 0; scree.Error for numbers out of range, an invalid or missing camera, or a GPU that fails.
         """
         self._view.draw(_whole("width", width, 1), _whole("height", height, 1), _camera(camera),
                         _whole("samples", samples, 1), shading)

@@ -113,9 +113,11 @@ Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b
   return {};
 }
 
-/// The distance of a sample in units of the near plane.
-double distance_of(uint64_t sample) {
-  return 1 / kernels::depth_value_of_code(kernels::sample_depth_code(sample), false);
+/// The distance of a sample; without a view in units of the near plane of a perspective one.
+double distance_of(uint64_t sample, const kernels::View* view) {
+  const bool orthographic = view != nullptr && view->orthographic;
+  return kernels::distance_of_code(kernels::sample_depth_code(sample), orthographic, orthographic ? view->z_near : 1,
+                                   orthographic ? view->z_far : 0);
 }
 
 }  // namespace
@@ -132,7 +134,7 @@ Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t 
 }
 
 Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const uint64_t> b, uint32_t width,
-                                    uint32_t height, const SceneMatch* match) {
+                                    uint32_t height, const SceneMatch* match, const kernels::View* view) {
   PixelReport report{.width = width, .height = height, .triangles_known = match != nullptr};
   report.kinds.resize(a.size());
   for (uint64_t i = 0; i < a.size(); ++i) {
@@ -147,7 +149,7 @@ Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const
   if (match != nullptr) SCREE_TRY(name_kinds(a, b, *match, report));
   for (uint64_t i = 0; i < a.size(); ++i) {
     if (report.kinds[i] == PixelKind::kBothBackground || report.kinds[i] == PixelKind::kBackground) continue;
-    const double depth_a = distance_of(a[i]), depth_b = distance_of(b[i]);
+    const double depth_a = distance_of(a[i], view), depth_b = distance_of(b[i], view);
     report.surface_depth.add(depth_a, depth_b);
     if (report.kinds[i] == PixelKind::kSame) report.same_depth.add(depth_a, depth_b);
   }

@@ -166,7 +166,11 @@ Result<Findings> compare_two_buffers(const CompareArguments& words, const Render
     SceneMatch matched = SCREE_TRY(SceneMatch::match(scenes[0], scenes[1]));
     match.emplace(std::move(matched));
   }
-  PixelReport report = SCREE_TRY(compare_buffers(a, b, width, height, match ? &*match : nullptr));
+  std::optional<kernels::View> view;  // a camera of a file may be orthographic
+  if (!scenes.empty() && !options.camera.camera.empty())
+    view = SCREE_TRY_AT(words.of.back(), runtime::make_view(scenes.back(), options.camera));
+  PixelReport report =
+      SCREE_TRY(compare_buffers(a, b, width, height, match ? &*match : nullptr, view ? &*view : nullptr));
   for (const runtime::Scene& scene : scenes) SCREE_TRY(check_unchanged(scene.file().map()));
   return Findings{.pixels = std::move(report)};
 }
@@ -269,9 +273,11 @@ Command add_compare(CLI::App& parent) {
             ".scree file and its glTF");
   add_value(*app, "--size", "WxH", render.size, "Pixels, WxH (default: 1920x1080)");
   add_camera_options(*app, render);
-  add_repeated(*app, "--of", "FILE", words->of,
-               "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
-               "first, if the two differ in encoding (needs convert --source-ids)");
+  add_repeated(
+      *app, "--of", "FILE", words->of,
+      "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
+      "first, if the two differ in encoding (needs convert --source-ids). The depths of an orthographic camera "
+      "also need --camera");
   add_value(*app, "--exclude", "REGEX", words->exclude, "The --exclude with which the .scree file was converted");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(

@@ -187,7 +187,10 @@ class PathRenderer {
     std::error_code failed;
     const uint64_t bytes = std::filesystem::file_size(name, failed);
     if (failed) return false;
-    if (layer == Layer::kSamples) return bytes == samples() * sizeof(uint64_t);
+    if (layer == Layer::kSamples) {  // without a header
+      if (bytes == 0 || bytes == samples() * sizeof(uint64_t)) return bytes != 0;
+      return Error{ErrorCode::kFile, name + ": is no visibility buffer of this size; --resume does not replace it"};
+    }
     const std::string begin = beginning(layer);
     std::string head(begin.size(), '\0'), tail(12, '\0');
     std::ifstream file(name, std::ios::binary);

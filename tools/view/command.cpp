@@ -168,26 +168,21 @@ Result<void> serve(ViewOptions options) {
       std::fprintf(stderr, "scree view: warning: --open: xdg-open does not start; open the address yourself\n");
   }
 
-  // The error of the hub's thread, which may outlive this function.
-  struct Failure {
-    std::mutex mutex;
-    std::optional<Error> error;
+  std::mutex mutex;
+  std::optional<Error> failure;  // of the hub's thread
+  const auto failed = [&] {
+    const std::lock_guard lock(mutex);
+    return failure;
   };
-  const auto failure = std::make_shared<Failure>();
-  const auto failed = [failure] {
-    const std::lock_guard lock(failure->mutex);
-    return failure->error;
-  };
-  auto hub = std::make_unique<view::Hub>(options.session, [failure](Error error) {
-    const std::lock_guard lock(failure->mutex);
-    failure->error = std::move(error);
+  auto hub = std::make_unique<view::Hub>(options.session, [&](Error error) {
+    const std::lock_guard lock(mutex);
+    failure = std::move(error);
   });
   server->run(*hub, [&] { return StopOnSignal::flag()->load() || failed(); });
-  if (!hub->stop(std::chrono::milliseconds(500))) {
+  if (!hub->stop(std::chrono::milliseconds(500)) && !failed()) {
     // A picture is still being drawn. It is not needed any more, so the program does not wait for it.
-    (void)hub.release();
-    (void)server.release();
-    return Error{ErrorCode::kFile, "interrupted"};
+    if (!options.quiet) std::fprintf(stderr, "scree view: stopped\n");
+    std::_Exit(finish_output() ? 0 : exit_code(ErrorCode::kFile));
   }
   hub.reset();
   if (const std::optional<Error> error = failed()) return *error;

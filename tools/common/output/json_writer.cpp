@@ -82,12 +82,10 @@ void JsonWriter::value(bool truth) {
 }
 
 void JsonWriter::value(double number) {
-  if (!std::isfinite(number)) {
-    met_non_finite_ = true;
-    number = 0;
-  }
   separate();
-  append_number(text_, number);
+  if (std::isfinite(number)) return append_number(text_, number);
+  met_non_finite_ = true;
+  text_ += "null";
 }
 
 }  // namespace scree::tools

@@ -23,7 +23,7 @@ class JsonWriter {
   void value(uint64_t number);
   void value(uint32_t number) { value(uint64_t{number}); }
   void value(bool truth);
-  /// The shortest text that reads back as the same double. A number that JSON cannot express becomes 0 and sets
+  /// The shortest text that reads back as the same double. A number that is not finite becomes null and sets
   /// met_non_finite().
   void value(double number);
   template <class T>
