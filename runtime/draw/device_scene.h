@@ -66,7 +66,7 @@ class DeviceScene : public DeviceView {
 
   /// As runtime::set_texture_memory(), for the current device. Error kDevice.
   static Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
-                                         SceneOptions& options);
+                                         const PictureNeeds& pictures, SceneOptions& options);
 
   /// Makes a view of this scene, which outlives the view. The first one is the scene itself. Each other view of a
   /// resident scene takes kernels::CudaFrames::device_bytes() more device memory. `scene`: the uploaded one.
@@ -125,11 +125,12 @@ inline std::vector<BlockPager*> block_pagers(const Scene& scene, const DeviceSce
 /// Decides whether the block images and JPEGs of a scene of `file` are loaded whole or page by page, and sets the room
 /// for pages, in host and in device memory, in `options`. `wanted`: the most room in bytes. On the CPU 0 is
 /// kHostTextureMemory. On the current GPU images that fit `wanted` are loaded whole. 0: they are loaded whole if
-/// everything in the file fits `device_memory` (as for DeviceScene::upload()); otherwise a quarter of it is for pages
-/// at first, and more or less later, as pictures show more pages or more geometry (SharedRoom). Error kDevice.
+/// everything in the file and `pictures` fit `device_memory` (both as for DeviceScene::upload()); otherwise a quarter of
+/// it is for pages at first, and more or less later, as pictures show more pages or more geometry (SharedRoom). Error
+/// kDevice.
 inline Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, bool on_gpu, uint64_t device_memory,
-                                       SceneOptions& options) {
-  if (on_gpu) return DeviceScene::set_texture_memory(file, wanted, device_memory, options);
+                                       const PictureNeeds& pictures, SceneOptions& options) {
+  if (on_gpu) return DeviceScene::set_texture_memory(file, wanted, device_memory, pictures, options);
   options.texture_memory = wanted != 0 ? wanted : kHostTextureMemory;
   return {};
 }

@@ -40,6 +40,9 @@ constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
 constexpr uint64_t kLeftShare = 16;
 constexpr uint64_t kMostLeft = uint64_t{512} << 20;
 
+/// The first queues of a frame, which take 58 MiB, and the tables of a small scene.
+constexpr uint64_t kUsualFrameBytes = uint64_t{64} << 20;
+
 /// A picture of C with 132 M samples (3840x2160, 4x4) queues a triangle for stage 2 per 95 samples.
 constexpr uint64_t kSamplesPerMedium = 64;
 
@@ -126,6 +129,13 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (!streamed) bytes += round_bytes(needs, scene);
   return bytes;
+}
+
+/// About picture_bytes(), before the scene is known.
+uint64_t usual_picture_bytes(const PictureNeeds& needs) {
+  const uint64_t pixels = uint64_t{needs.width} * needs.height, side = needs.shadow_side;
+  const uint64_t samples = pixels * needs.samples_per_side * needs.samples_per_side * (needs.starts_next ? 2 : 1);
+  return (samples + 2 * side * side) * sizeof(uint64_t) + pixels * sizeof(uint32_t);
 }
 
 /// Device memory of a streamed scene beside its pool, the room to move chunks and the room for pages of textures.
@@ -233,7 +243,7 @@ const kernels::SceneView& DeviceScene::device_view() const {
 }
 
 Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
-                                             SceneOptions& options) {
+                                             const PictureNeeds& pictures, SceneOptions& options) {
   const format::Container& container = file.container();
   const uint64_t budget = SCREE_TRY(device_budget(budget_bytes));
   uint64_t images = 0;  // in the form in which they are sampled
@@ -246,7 +256,7 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
       images += is_blocks ? format::block_rows(image, level).bytes()
                           : container.mip_levels()[image.first_level + level - 1].bytes;
   }
-  uint64_t all = 0;
+  uint64_t all = kUsualFrameBytes + usual_picture_bytes(pictures);
   for (uint64_t i = 0; i < container.pages().size(); ++i) all += container.pages()[i].raw_bytes;
   const bool fits = wanted != 0 ? images <= wanted : all <= budget - budget / kLeftShare;
   options.texture_memory = fits ? 0 : wanted != 0 ? wanted : kHostTextureMemory;

@@ -18,7 +18,7 @@ BlockPager* DeviceScene::block_pager(uint32_t) const {
   return nullptr;
 }
 
-Result<void> DeviceScene::set_texture_memory(const SceneFile&, uint64_t, uint64_t, SceneOptions&) {
+Result<void> DeviceScene::set_texture_memory(const SceneFile&, uint64_t, uint64_t, const PictureNeeds&, SceneOptions&) {
   return {};
 }
 

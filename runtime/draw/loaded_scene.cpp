@@ -44,12 +44,13 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptio
       else
         loaded->why_cpu_ = gpu.error().message;
       if (loaded->gpu_)
-        SCREE_TRY_AT(path,
-                     set_texture_memory(file, options.texture_memory, true, options.device_memory, scene_options));
+        SCREE_TRY_AT(path, set_texture_memory(file, options.texture_memory, true, options.device_memory,
+                                              options.pictures, scene_options));
     }
     if (!loaded->gpu_) {
       options.on = DrawOn::kCpu;
-      (void)set_texture_memory(file, options.texture_memory, false, options.device_memory, scene_options);
+      (void)set_texture_memory(file, options.texture_memory, false, options.device_memory, options.pictures,
+                               scene_options);
     }
     scene_options.textures = options.textures;
     scene_options.threads = options.threads;

@@ -58,7 +58,7 @@ class DrawnPages {
   uint64_t chunk(uint64_t index, uint64_t i) const { return chunks_[first_chunk_[index] + i].chunk; }
 
   /// Checks the drawn chunks of the page with that index (not page number). `raw`: the page's raw bytes. Thread-safe.
-  /// Errors as check_chunk, with mesh, chunk and page.
+  /// Errors as check_chunk, and kRange: the chunks take more bytes than the page. Each has mesh, chunk and page.
   Result<void> check(uint64_t index, std::span<const std::byte> raw) const;
 
  private:

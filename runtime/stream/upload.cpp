@@ -318,15 +318,14 @@ class Uploader {
   }
 
   Result<void> fill(SlotPages& slot) {
-    Result<void> done;
-    if (is_direct_) done = read_pages(slot);
-    // If the memory or the file system does not support direct reads, they are not tried again.
-    if (!done && done.error().code == ErrorCode::kUnsupported) {
+    if (is_direct_) {
+      const Result<void> done = read_pages(slot);
+      if (done || done.error().code != ErrorCode::kUnsupported) return done;
+      // If the memory or the file system does not support direct reads, no thread tries them again.
       is_direct_ = false;
       slot = {slot.job, slot.memory, slot.joins};
     }
-    if (!is_direct_) done = take_pages(slot);
-    return done;
+    return take_pages(slot);
   }
 
   /// The offset of the next page: a multiple of format::kPageAlignment.

@@ -15,12 +15,13 @@ namespace scree::tests {
 
 /// Writes one mesh per soup, drawn once. Chunks lie in pages of about `page_bytes` (a larger chunk has its own page).
 /// Every `zstd_every`th page is compressed, split if it has clusters, and an image page follows every `image_every`th.
-/// `change` may alter page `number` before it is written.
+/// `change` may alter page `number` before it is written, `change_tables` the tables.
 struct PagedScene {
   uint64_t page_bytes = 9000;
   uint32_t zstd_every = 3, image_every = 4, chunk_triangles = 300;
   bool drawn_twice = false;  // every mesh has two instances
   std::function<void(uint32_t number, format::SealedPage& page)> change;
+  std::function<void(format::TableSet& tables)> change_tables;
 
   void write(const std::string& path, const std::vector<std::pair<Soup, Encoding>>& meshes) const {
     SceneBuilder builder;
@@ -74,6 +75,7 @@ struct PagedScene {
     tables.matrices.push_back(SmallScene::identity());
     tables.scenes.push_back(
         {tables.strings.add("Main"), 1, 0, tables.instances.size(), 0, tables.scene_roots.size(), triangles});
+    if (change_tables) change_tables(tables);
     REQUIRE(writer.finish(tables));
   }
 };

@@ -7,7 +7,7 @@
 
 #include "format/fail.h"
 #include "kernels/frame.h"
-#include "kernels/raster/depth.h"
+#include "kernels/shade/layers.h"
 #include "kernels/visbuffer.h"
 #include "runtime/files/mapped_file.h"
 #include "tools/common/chunk_decode.h"

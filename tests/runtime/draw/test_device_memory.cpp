@@ -14,6 +14,7 @@
 #include "tests/models.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/tools/block_model.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tools/convert/convert.h"
@@ -55,6 +56,17 @@ TEST_CASE("a picture of another size than the drawn frame is not resolved", "[cu
   std::vector<uint32_t> pixels(800);
   CHECK(device.resolve(view_of(scene, 40, 20), 1, shade, pixels));
   CHECK(refusal(device.resolve(view_of(scene, 20, 40), 1, shade, pixels)).code == ErrorCode::kRange);
+}
+
+TEST_CASE("textures that do not fit beside the queues are read page by page", "[cuda][textures]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = folder.file("a.scree");
+  make_block_model(path, {make_ktx2({.width = 4096, .height = 4096, .levels = 1})});  // 21 MiB with the made levels
+  for (const uint64_t budget : {68, 76, 84, 92, 128}) {
+    INFO(budget << " MiB");
+    CHECK(LoadedScene::load(must(SceneFile::open(path)), {.on = DrawOn::kGpu, .device_memory = budget << 20}));
+  }
 }
 
 #if defined(SCREE_EMULATED_CUDA)
