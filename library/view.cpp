@@ -26,6 +26,11 @@ runtime::Vec3 vector_of(const double (&v)[3]) {
   return {v[0], v[1], v[2]};
 }
 
+/// An error of drawing, which may be one of the scene's file.
+scree_status fail_draw(const ViewRenderer& renderer, const Error& error) {
+  return fail(at(renderer.scene().scene().file().path(), error), Subject::kArguments);
+}
+
 /// Translates the camera for the engine, without its clipping box.
 scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
                              uint32_t height, View& out) {
@@ -307,7 +312,7 @@ scree_status scree_draw(scree_view* view, const scree_camera* camera, const scre
       return made;
     drawn.renderer->cast_shadows(shadow_side(taken));
     const scree::Result<void> done = drawn.renderer->draw(seen_view, taken.samples, shade);
-    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+    return done ? SCREE_OK : fail_draw(*drawn.renderer, done.error());
   });
 }
 
@@ -316,7 +321,7 @@ scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uin
   return with_batch(view, cameras, count, options, [&](ViewRenderer& renderer, const Batch& batch) {
     if ((layers >> SCREE_INSTANCE & 1) != 0 && has_too_many_instances(renderer.scene())) return fail_of_instances();
     const scree::Result<void> done = renderer.draw_batch(batch.views, batch.samples, batch.shade, layers);
-    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+    return done ? SCREE_OK : fail_draw(renderer, done.error());
   });
 }
 
@@ -348,7 +353,7 @@ scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, 
       place = static_cast<std::byte*>(target.data);
     }
     const scree::Result<void> done = renderer.draw_batch_to(batch.views, batch.samples, batch.shade, taken, stream);
-    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+    return done ? SCREE_OK : fail_draw(renderer, done.error());
   });
 }
 

@@ -409,8 +409,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   stats.device_bytes = beside + joins.device_bytes() + pool + pages.room;
   fragment_room = budget - std::min(budget, stats.device_bytes);
   SCREE_TRY(make_frames(*own, stream->view()));
-  SCREE_TRY(stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
-                         scene.texture_cache(), scene.block_pager(), pages, kept));
+  const Result<void> opened =
+      stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
+                   scene.texture_cache(), scene.block_pager(), pages, kept);
+  if (!opened) return opened.error().code == ErrorCode::kDevice ? opened : at(host.file().path(), opened.error());
   // Pages of textures have the memory that is left when all chunks are kept.
   return scene.keep_textures(host, kept - std::min(kept, all_rooms));
 }

@@ -67,6 +67,9 @@ class Reader {
     if (size.width == 0 || size.height == 0 || uint64_t{size.width} * size.height > kMaxHdrPixels)
       return error(ErrorCode::kRange, std::to_string(size.width) + " x " + std::to_string(size.height) +
                                           " pixels, expected 1 to " + std::to_string(kMaxHdrPixels));
+    if (size.width > kMaxHdrWidth)  // a row is held in memory before it is read
+      return error(ErrorCode::kRange, "rows of " + std::to_string(size.width) + " pixels, expected at most " +
+                                          std::to_string(kMaxHdrWidth));
     return size;
   }
   static Error order() { return error(ErrorCode::kUnsupported, "the size is not given as -Y HEIGHT +X WIDTH"); }

@@ -16,11 +16,12 @@ struct HdrSize {
   uint32_t height = 0;
 };
 
-/// Pictures with more pixels are refused.
+/// Pictures with more pixels, in all or per row, are refused.
 inline constexpr uint64_t kMaxHdrPixels = uint64_t{1} << 27;
+inline constexpr uint32_t kMaxHdrWidth = 1 << 16;
 
 /// The size of a picture. Errors kFormat (no Radiance picture), kUnsupported (XYZE colour; rows that do not go from the
-/// top down, left to right), kTruncated, kRange (no pixel, or more than kMaxHdrPixels).
+/// top down, left to right), kTruncated, kRange (no pixel, or too many).
 Result<HdrSize> read_hdr_size(std::span<const std::byte> file);
 
 /// Reads all rows, from the top: calls `take(y, row)` with 3 * width floats, linear and finite, 0 or more. Holds one

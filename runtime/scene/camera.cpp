@@ -171,6 +171,31 @@ double near_of_box(const WorldBox& box, const Vec3& eye) {
   return near > 0 && std::isfinite(near) ? near : 0.01;
 }
 
+/// Brings the planes of a file's camera to the scene. The depths of an orthographic view divide the range between the
+/// planes evenly, and those of a perspective one end 64 octaves behind the near plane.
+void fit_planes(View& view, const WorldBox& box) {
+  if (box.is_empty()) return;
+  const Vec3 eye{view.eye[0], view.eye[1], view.eye[2]}, forward{view.forward[0], view.forward[1], view.forward[2]};
+  const double size = length(box.max - box.min);
+  double low = kInfinity, high = -kInfinity;
+  for (size_t k = 0; k < 8; ++k) {
+    const Vec3 corner{(k & 1 ? box.max : box.min)[0], (k & 2 ? box.max : box.min)[1], (k & 4 ? box.max : box.min)[2]};
+    const double depth = dot(corner - eye, forward);
+    low = std::min(low, depth);
+    high = std::max(high, depth);
+  }
+  if (!std::isfinite(low) || !std::isfinite(high)) return;
+  if (!view.orthographic) {
+    view.z_near = std::max(view.z_near, high * 0x1p-60);
+    return;
+  }
+  const double margin = 1e-3 * size + 1e-6 * std::max(std::abs(low), std::abs(high));  // for rounded positions
+  const double near = std::max(view.z_near, low - margin), far = std::min(view.z_far, high + margin);
+  if (!(near < far)) return;  // the scene lies outside
+  view.z_near = near;
+  view.z_far = far;
+}
+
 /// The outermost points along one direction of the picture, seen from (offset, depth).
 struct Extremes {
   double high = -kInfinity, low = kInfinity;  // tangents
@@ -263,8 +288,8 @@ const PlacedCamera* find_camera(const format::Container& container, const std::v
   return nullptr;
 }
 
-Result<View> document_view(const format::Container& container, const PlacedCamera& placed, View view,
-                           const CameraOptions& options) {
+Result<View> document_view(const format::Container& container, const WorldBox& box, const PlacedCamera& placed,
+                           View view, const CameraOptions& options) {
   const format::CameraRecord& camera = container.cameras()[placed.camera];
   const Rows& world = placed.world;
   set_eye(view, {world[0][3], world[1][3], world[2][3]});
@@ -280,12 +305,12 @@ Result<View> document_view(const format::Container& container, const PlacedCamer
     view.orthographic = true;
     view.half_height = std::abs(camera.y);
     view.half_width = view.half_height * static_cast<double>(view.width) / view.height;
-    view.z_near = camera.z_near;
     view.z_far = camera.z_far;
-    return view;
+  } else {
+    set_field_of_view(view, options.fov_degrees ? *options.fov_degrees * kDegree : camera.y);
   }
-  set_field_of_view(view, options.fov_degrees ? *options.fov_degrees * kDegree : camera.y);
   view.z_near = camera.z_near;
+  fit_planes(view, box);
   return view;
 }
 
@@ -422,7 +447,7 @@ Result<View> make_view(const Scene& scene, const CameraOptions& options) {
     const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
     if (placed == nullptr)
       return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
-    return document_view(container, *placed, view, options);
+    return document_view(container, scene.box(), *placed, view, options);
   }
   set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
   if (options.eye) return eye_view(scene.box(), view, options);

@@ -389,6 +389,7 @@ void Scene::place_lights() {
   const auto lights = container().lights();
   if (lights.empty()) return;
   const auto world = world_matrices(container(), scene_);
+  uint64_t aimless = 0;
   for (uint64_t i = 0; i < lights.size(); ++i) {
     const format::LightRecord& record = lights[i];
     const std::optional<Rows>& rows = world[record.node];
@@ -400,6 +401,10 @@ void Scene::place_lights() {
     kernels::PlacedLight light{};
     double length = 0;
     for (size_t axis = 0; axis < 3; ++axis) length = std::hypot(length, (*rows)[axis][2]);
+    if (record.kind != format::LightKind::kPoint && !(length > 0)) {
+      ++aimless;
+      continue;
+    }
     for (size_t axis = 0; axis < 3; ++axis) {
       light.position[axis] = (*rows)[axis][3];
       light.direction[axis] = length > 0 ? static_cast<float>(-(*rows)[axis][2] / length) : 0.0f;
@@ -414,6 +419,9 @@ void Scene::place_lights() {
     light.kind = record.kind;
     lights_.push_back(light);
   }
+  if (aimless != 0)
+    warnings_.push_back("directional and spot lights without a direction, because of a scale of 0: " +
+                        std::to_string(aimless) + " left out");
   view_.lights = lights_.data();
   view_.light_count = static_cast<uint32_t>(lights_.size());
 }

@@ -48,8 +48,8 @@ std::vector<Residency::Place> sorted_by_page(std::span<const Residency::Place> p
   return sorted;
 }
 
-Error no_memory(const Scene& scene) {
-  return {ErrorCode::kMemory, scene.file().path() + ": no memory left to read its chunks"};
+Error no_memory() {
+  return {ErrorCode::kMemory, "no memory left to read its chunks"};
 }
 
 /// The most bytes of a page's frame in a slot.
@@ -88,10 +88,9 @@ Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::by
     ask_for(jobs, i + workers.count());
     if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
   });
-  if (failure.any()) return at(scene_.file().path(), failure.error());
-  return {};
+  return failure.any() ? Result<void>(failure.error()) : Result<void>();
 } catch (const std::bad_alloc&) {
-  return no_memory(scene_);
+  return no_memory();
 }
 
 Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place> places, std::byte* memory,
@@ -182,10 +181,9 @@ Result<void> ChunkSource::send(std::span<const Residency::Place> places, JoinTar
       if (!done) failure.report(i, done.error());
     }
   });
-  if (!failure.any()) return {};
-  return failure.error().code == ErrorCode::kDevice ? failure.error() : at(scene_.file().path(), failure.error());
+  return failure.any() ? Result<void>(failure.error()) : Result<void>();
 } catch (const std::bad_alloc&) {
-  return no_memory(scene_);
+  return no_memory();
 }
 
 /// Sends the places of pages that lie together in a slot.

@@ -28,8 +28,8 @@ class ChunkSource {
 
   /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. Before the first copy out of a
   /// page, the whole page and the streams of its drawn chunks are checked. A compressed page is unpacked once for all
-  /// its chunks in `places`. Errors, with file and place: errors of load_pages(), for the bad page with the lowest
-  /// number; kMemory. Thread-safe for different places and workers.
+  /// its chunks in `places`. Errors, without the file: those of load_pages(), for the bad page with the lowest number;
+  /// kMemory. Thread-safe for different places and workers.
   Result<void> read(std::span<const Residency::Place> places, std::byte* memory, Reader reader, Workers& workers);
 
   /// The most bytes that the page of a chunk for send() takes in a slot; 0 if there is no such chunk.

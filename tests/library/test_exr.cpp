@@ -143,6 +143,10 @@ TEST_CASE("an .exr has the requested layers", "[render][exr]") {
   CHECK(read_whole(some) == read_whole(again));
   render(folder, file, "--layers color --show triangle -o " + colors);
   CHECK(ExrFile(colors).names() == "A:h B:h G:h R:h");
+  // A half has no number above 65504.
+  render(folder, file, "--layers color --light environment --exposure 20 -o " + colors);
+  const std::vector<float> bright = ExrFile(colors).floats("R");
+  CHECK(*std::max_element(bright.begin(), bright.end()) == 65504);
   for (const char* const words :
        {"-o x.exr --layers colour", "-o x.png --layers color", "-o x.png --float", "-o x.jpg"}) {
     const ProgramRun run = run_program(words_of("render " + file + " " + words), folder.file("log"));

@@ -1,6 +1,7 @@
 #include "tools/render/exr.h"
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <new>
 #include <optional>
@@ -44,6 +45,11 @@ class PartStream : public Imf::OStream {
   uint64_t end_ = 0;
 };
 
+/// The nearest half. A larger number becomes the largest half, because other programs spread an infinite pixel.
+half half_of(float value) {
+  return half(std::isfinite(value) ? std::clamp(value, -HALF_MAX, HALF_MAX) : value);
+}
+
 /// The part of write_exr() that may throw.
 void write_channels(PartStream& stream, uint32_t width, uint32_t height, std::span<const ExrChannel> channels) {
   const uint64_t pixels = uint64_t{width} * height;
@@ -58,7 +64,7 @@ void write_channels(PartStream& stream, uint32_t width, uint32_t height, std::sp
     if (channel.type == ExrType::kHalf) {
       std::vector<half>& made = halves.emplace_back(pixels);
       const auto* const values = static_cast<const float*>(channel.data);
-      for (uint64_t i = 0; i < pixels; ++i) made[i] = half(values[i * channel.stride]);
+      for (uint64_t i = 0; i < pixels; ++i) made[i] = half_of(values[i * channel.stride]);
       type = Imf::HALF;
       data = reinterpret_cast<const char*>(made.data());
       step = sizeof(half);

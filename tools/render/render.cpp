@@ -140,13 +140,12 @@ void print_stats(const runtime::Scene& scene, const runtime::ViewRenderer& frame
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
               view.z_near);
   std::printf(
-      "draws: %llu of %llu instances, %llu draws, %llu triangles: %llu small, %llu medium, %llu large, %llu "
-      "clipped\n",
+      "draws: %llu%s instances, %llu draws, %llu triangles: %llu small, %llu medium, %llu large, %llu clipped\n",
       static_cast<unsigned long long>(drawn.instances_drawn),
-      static_cast<unsigned long long>(scene.view().instance_count), static_cast<unsigned long long>(drawn.draws),
-      static_cast<unsigned long long>(drawn.triangles), static_cast<unsigned long long>(drawn.triangles_small),
-      static_cast<unsigned long long>(drawn.triangles_medium), static_cast<unsigned long long>(drawn.triangles_large),
-      static_cast<unsigned long long>(drawn.triangles_clipped));
+      times.streamed ? "" : (" of " + std::to_string(scene.view().instance_count)).c_str(),  // once per part
+      static_cast<unsigned long long>(drawn.draws), static_cast<unsigned long long>(drawn.triangles),
+      static_cast<unsigned long long>(drawn.triangles_small), static_cast<unsigned long long>(drawn.triangles_medium),
+      static_cast<unsigned long long>(drawn.triangles_large), static_cast<unsigned long long>(drawn.triangles_clipped));
   if (drawn.clusters_drawn != 0 || drawn.clusters_tested != 0) {
     std::printf("clusters: %llu groups and %llu clusters tested, %llu drawn\n",
                 static_cast<unsigned long long>(drawn.groups_tested),

@@ -65,6 +65,7 @@ TEST_CASE("hdr: other files and every prefix are refused", "[hdr]") {
   CHECK(code_of(header("-Y 1 +X 1x")) == ErrorCode::kUnsupported);
   CHECK(code_of(header("-Y 0 +X 1")) == ErrorCode::kRange);
   CHECK(code_of(header("-Y 65536 +X 65536")) == ErrorCode::kRange);
+  CHECK(code_of(header("-Y 1 +X 65537")) == ErrorCode::kRange);
   CHECK(code_of(header("-Y 99999999999 +X 1")) == ErrorCode::kUnsupported);
   CHECK(code_of(header("-Y 1 +X 4") + std::string("\1\1\1\2", 4)) == ErrorCode::kFormat);  // nothing to repeat
   CHECK(code_of(header("-Y 1 +X 8") + std::string("\2\2\0\x8\x89\7", 6)) == ErrorCode::kFormat);
