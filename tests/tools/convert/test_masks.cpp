@@ -175,6 +175,18 @@ TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]
   }
 }
 
+TEST_CASE("equal materials keep their masks, also if the first has no texture coordinates", "[convert][mask]") {
+  const TempFolder folder;
+  const bool plain_first = GENERATE(false, true), share = GENERATE(false, true);
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
+    for (const bool uv : {!plain_first, plain_first}) add_masked(maker, "disc", disc_png(20, 255), 0.5, 1, uv);
+  });
+  convert::ConvertOptions options = options_of(folder);
+  options.share = share;
+  CHECK(must_convert(options).masks == 1);
+  CHECK(must_open(options.output).file.masks().size() == 1);
+}
+
 TEST_CASE("a masked picture covers the mask's share, for every coding of its colours", "[convert][mask]") {
   const TempFolder folder;
   const auto picture = [&](double cutoff, convert::Textures textures, const char* name) {

@@ -273,7 +273,7 @@ class Converter {
       images_ = {};
       return;
     }
-    if (options_.share) merged_ = merge_materials(scene_, *used, images_.places);
+    if (options_.share) merged_ = merge_materials(scene_, *used, images_.places, masks_);
   }
 
   /// The primitive of a window: its sorted copy if there is one.
@@ -384,7 +384,7 @@ class Converter {
   }
 
   void merge_equal() {
-    if (options_.share && !ahead_) merged_ = merge_materials(scene_, materials_used(), images_.places);
+    if (options_.share && !ahead_) merged_ = merge_materials(scene_, materials_used(), images_.places, masks_);
     first_equal_ = find_equal_groups(scene_, measurement_);
     for (SourceNode& node : scene_.nodes)
       if (node.group != kNone) node.group = first_equal_[node.group];

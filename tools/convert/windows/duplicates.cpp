@@ -1,5 +1,6 @@
 #include "tools/convert/windows/duplicates.h"
 
+#include <array>
 #include <map>
 #include <numeric>
 #include <span>
@@ -17,6 +18,17 @@ using format::kNone;
 template <class T>
 void add_value(ContentHasher& hasher, const T& value) {
   hasher.add(std::as_bytes(std::span(&value, 1)));
+}
+
+/// Without padding, which may have any bytes.
+std::array<uint32_t, 7> values_of(const PlannedMask& mask) {
+  return {static_cast<uint32_t>(mask.plain),
+          static_cast<uint32_t>(mask.textured),
+          mask.blends,
+          mask.of_colors,
+          mask.threshold,
+          mask.width,
+          mask.height};
 }
 
 template <class Record>
@@ -52,7 +64,7 @@ std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& 
 }
 
 MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& materials_used,
-                                const std::vector<uint32_t>& image_places) {
+                                const std::vector<uint32_t>& image_places, const MaskPlan& masks) {
   MergedMaterials merged;
   std::vector<bool> textures_used(scene.textures.size());
   for (size_t i = 0; i < scene.materials.size(); ++i) {
@@ -80,6 +92,7 @@ MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& mat
     visit_textures(named, [&](uint32_t& used) { used = texture[used]; });
     std::string key = key_of(named.name, named.record);
     if (named.surface) key += key_of("", *named.surface);
+    key += key_of("", values_of(masks.materials[i]));
     material[i] = known.try_emplace(std::move(key), i).first->second;
     merged.materials += material[i] != i ? 1 : 0;
   }

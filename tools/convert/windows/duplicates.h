@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tools/common/content_hash.h"
+#include "tools/convert/images/masks.h"
 #include "tools/convert/windows/measure.h"
 #include "tools/gltf/source.h"
 
@@ -21,11 +22,11 @@ struct MergedMaterials {
   uint64_t materials = 0;
 };
 
-/// Redirects all references to a material or texture to the first equal one. Equal means: the name, all values, and the
-/// image's record (`image_places`, as ImagePlan::places), so that equal images count as one. The counts are over
-/// `materials_used`.
+/// Redirects all references to a material or texture to the first equal one. Equal means: the name, all values, the
+/// image's record (`image_places`, as ImagePlan::places), so that equal images count as one, and the planned mask,
+/// which also depends on the triangles that use a material. The counts are over `materials_used`.
 MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& materials_used,
-                                const std::vector<uint32_t>& image_places);
+                                const std::vector<uint32_t>& image_places, const MaskPlan& masks);
 
 /// Finds equal groups, one after another.
 class EqualGroups {
