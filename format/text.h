@@ -36,4 +36,14 @@ inline size_t utf8_length(std::string_view text) {
   return length;
 }
 
+/// " (name)" for a message, with at most 100 bytes of the name; empty without a name.
+inline std::string in_brackets(std::string_view name) {
+  constexpr size_t kMost = 100;
+  if (name.empty()) return {};
+  if (name.size() <= kMost) return " (" + std::string(name) + ")";
+  size_t end = kMost;
+  while (end > kMost - 4 && (static_cast<unsigned char>(name[end]) & 0xc0) == 0x80) --end;  // the start of a character
+  return " (" + std::string(name.substr(0, end)) + "...)";
+}
+
 }  // namespace scree::format

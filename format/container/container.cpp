@@ -368,6 +368,13 @@ std::string_view Container::string(uint32_t offset) const {
   return reinterpret_cast<const char*>(strings.first) + offset;
 }
 
+bool Container::string_is(uint32_t offset, std::string_view text) const {
+  const TableView& strings = view(TableKind::kStrings);
+  if (text.size() >= strings.count - offset || text.find('\0') != std::string_view::npos) return false;
+  const char* const found = reinterpret_cast<const char*>(strings.first) + offset;
+  return std::memcmp(found, text.data(), text.size()) == 0 && found[text.size()] == 0;
+}
+
 std::span<const std::byte> Container::stored_page(uint32_t page) const {
   const PageRecord& record = pages()[page];
   return file_.subspan(record.offset, record.stored_bytes);

@@ -80,6 +80,9 @@ class Container {
 
   /// The zero-terminated UTF-8 string at `offset` of the string table.
   std::string_view string(uint32_t offset) const;
+  /// Whether the string at `offset` equals `text`. Reads no more of it than `text` has, because any number of records
+  /// may have the same long name.
+  bool string_is(uint32_t offset, std::string_view text) const;
 
   /// The stored bytes of a page, unchecked.
   std::span<const std::byte> stored_page(uint32_t page) const;

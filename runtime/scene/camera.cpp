@@ -14,6 +14,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/position_codec.h"
 #include "format/geometry/rotation.h"
+#include "format/text.h"
 #include "runtime/scene/scene.h"
 
 namespace scree::runtime {
@@ -268,7 +269,7 @@ std::string camera_list(const format::Container& container, const std::vector<Pl
     text += (i == 0 ? "" : ", ") + std::to_string(cameras[i].camera);
     std::string_view name = container.string(container.cameras()[cameras[i].camera].name);
     if (name.empty()) name = container.string(container.nodes()[cameras[i].node].name);
-    if (!name.empty()) text.append(" (").append(name).append(")");
+    text += format::in_brackets(name);
   }
   return cameras.size() > 20 ? text + ", ..." : text;
 }
@@ -276,9 +277,9 @@ std::string camera_list(const format::Container& container, const std::vector<Pl
 const PlacedCamera* find_camera(const format::Container& container, const std::vector<PlacedCamera>& cameras,
                                 const std::string& wanted) {
   for (const PlacedCamera& placed : cameras)
-    if (container.string(container.cameras()[placed.camera].name) == wanted) return &placed;
+    if (container.string_is(container.cameras()[placed.camera].name, wanted)) return &placed;
   for (const PlacedCamera& placed : cameras)
-    if (container.string(container.nodes()[placed.node].name) == wanted) return &placed;
+    if (container.string_is(container.nodes()[placed.node].name, wanted)) return &placed;
   uint32_t index = 0;
   const char* const end = wanted.data() + wanted.size();
   const auto [rest, status] = std::from_chars(wanted.data(), end, index);

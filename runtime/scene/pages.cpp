@@ -14,6 +14,7 @@
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "format/geometry/tangent_codec.h"
+#include "format/text.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -26,10 +27,8 @@ using format::MeshRecord;
 std::string chunk_place(const format::Container& container, uint64_t index) {
   const ChunkRecord& chunk = container.chunks()[index];
   const std::string_view name = container.string(container.groups()[container.meshes()[chunk.mesh].group].name);
-  std::string place = "mesh " + std::to_string(chunk.mesh);
-  if (!name.empty()) place.append(" (").append(name).append(")");
-  return place + ", chunk " + std::to_string(index) + " (page " + std::to_string(chunk.page) + ", byte " +
-         std::to_string(chunk.offset) + ")";
+  return "mesh " + std::to_string(chunk.mesh) + format::in_brackets(name) + ", chunk " + std::to_string(index) +
+         " (page " + std::to_string(chunk.page) + ", byte " + std::to_string(chunk.offset) + ")";
 }
 
 namespace {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/text.h"
 #include "kernels/shade/material_views.h"
 #include "kernels/visbuffer.h"
 #include "runtime/images/image.h"
@@ -24,8 +25,7 @@ std::string quoted_list(const format::Container& container) {
   const auto scenes = container.scenes();
   for (uint64_t i = 0; i < scenes.size() && i < 20; ++i) {
     text += (i == 0 ? "" : ", ") + std::to_string(i);
-    const std::string_view name = container.string(scenes[i].name);
-    if (!name.empty()) text.append(" (").append(name).append(")");
+    text += format::in_brackets(container.string(scenes[i].name));
   }
   return scenes.size() > 20 ? text + ", ..." : text;
 }
@@ -84,7 +84,7 @@ Result<uint32_t> SceneFile::find_scene(const std::string& name_or_index) const {
     return 0u;
   }
   for (uint64_t i = 0; i < scenes.size(); ++i)
-    if (container_.string(scenes[i].name) == name_or_index) return static_cast<uint32_t>(i);
+    if (container_.string_is(scenes[i].name, name_or_index)) return static_cast<uint32_t>(i);
   uint32_t index = 0;
   const char* const end = name_or_index.data() + name_or_index.size();
   const auto [rest, status] = std::from_chars(name_or_index.data(), end, index);

@@ -69,6 +69,11 @@ TEST_CASE("container: every table and page is read as it was written", "[contain
   CHECK(container.string(tables.groups[0].name) == "boulder");
   CHECK(container.string(container.images()[0].name) == "moss.png");
   CHECK(container.string(0).empty());
+  CHECK(container.string_is(tables.groups[0].name, "boulder"));
+  for (const char* other : {"", "boulde", "boulders", "boulder moss.png and a text that passes the end of the table"})
+    CHECK_FALSE(container.string_is(tables.groups[0].name, other));
+  CHECK_FALSE(container.string_is(tables.groups[0].name, std::string_view("boulder\0", 8)));
+  CHECK(container.string_is(0, ""));
   CHECK(container.header().file_bytes == bytes.size());
 
   REQUIRE(container.pages().size() == parts.pages.size());
