@@ -13,17 +13,21 @@ namespace {
 struct Rgb {
   uint32_t width = 0, height = 0;
   std::vector<uint8_t> pixels;  // 3 bytes each
+  std::vector<uint8_t> alpha;
 };
 
 Result<Rgb> read_picture(const std::string& path) {
   const auto map = SCREE_TRY(runtime::MappedFile::open(path));
   const runtime::Image image = SCREE_TRY_AT(path, runtime::decode_image(map.bytes()));
   if (!image.warning.empty()) return Error{ErrorCode::kFormat, path + ": " + image.warning};
-  Rgb out{image.width, image.height, {}};
+  Rgb out{image.width, image.height, {}, {}};
   out.pixels.reserve(image.rgba.size() / 4 * 3);
-  for (size_t i = 0; i < image.rgba.size(); i += 4)
+  out.alpha.reserve(image.rgba.size() / 4);
+  for (size_t i = 0; i < image.rgba.size(); i += 4) {
     for (size_t c = 0; c < 3; ++c)
       out.pixels.push_back(static_cast<uint8_t>((image.rgba[i + c] * image.rgba[i + 3] + 127) / 255));
+    out.alpha.push_back(image.rgba[i + 3]);
+  }
   return out;
 }
 
@@ -37,7 +41,10 @@ Result<PictureReport> compare_pictures(const std::string& a_path, const std::str
     return Error{ErrorCode::kRange, a_path + ": " + std::to_string(a.width) + " x " + std::to_string(a.height) +
                                         " pixels, but " + b_path + " has " + std::to_string(b.width) + " x " +
                                         std::to_string(b.height)};
-  return compare_rgb({a.width, a.height, a.pixels}, {b.width, b.height, b.pixels}, pixels_per_degree, threads);
+  PictureReport report =
+      compare_rgb({a.width, a.height, a.pixels}, {b.width, b.height, b.pixels}, pixels_per_degree, threads);
+  for (size_t i = 0; i < a.alpha.size(); ++i) report.other_alpha += a.alpha[i] != b.alpha[i] ? 1 : 0;
+  return report;
 }
 
 PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads) {

@@ -136,6 +136,8 @@ std::string text_pictures(const PictureReport& report, bool of_scene) {
   }
   table.row({"pixels", grouped(report.flip.size())});
   table.row({"pixels that differ", grouped(report.differing)});
+  if (report.other_alpha != 0)
+    table.row({"pixels of another alpha (compared over black)", grouped(report.other_alpha)});
   table.row({"largest difference of a byte", grouped(report.max_levels)});
   table.row({"PSNR", std::isfinite(report.psnr) ? short_number(report.psnr) + " dB" : "identical"});
   table.row({"FLIP, mean", short_number(report.flip_mean)});
@@ -148,8 +150,9 @@ void json_pictures(JsonWriter& json, const PictureReport& report, bool of_scene)
     json.member("width", report.width);
     json.member("height", report.height);
     if (of_scene) json.member("textures_left_out", true);
-    json.member("identical", report.differing == 0);
+    json.member("identical", report.differing == 0 && report.other_alpha == 0);
     json.member("differing", report.differing);
+    json.member("other_alpha", report.other_alpha);
     json.member("max_levels", report.max_levels);
     if (std::isfinite(report.psnr)) json.member("psnr_db", report.psnr);
     json.member("flip_mean", report.flip_mean);
