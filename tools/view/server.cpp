@@ -111,12 +111,16 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
 
   void send(std::vector<std::byte> bytes, bool is_text) {
     if (is_closing_) return;
-    // A single picture may be larger than the limit, so the message that is being written does not count.
-    const size_t waiting_bytes = queue_.empty() ? 0 : queued_bytes_ - queue_.front().bytes.size();
-    if (waiting_bytes > kMaxQueuedBytes || queue_.size() >= kMaxQueuedMessages)
+    // A single picture may be larger than the limit, so neither the message that is being written counts nor the
+    // largest one behind it.
+    size_t waiting_bytes = 0, largest = 0;
+    for (size_t i = 1; i < queue_.size(); ++i) {
+      waiting_bytes += queue_[i].bytes.size();
+      largest = std::max(largest, queue_[i].bytes.size());
+    }
+    if (waiting_bytes - largest > kMaxQueuedBytes || queue_.size() >= kMaxQueuedMessages)
       return close(CloseCode::kTooSlow, "the connection is too slow");
     if (!is_text) ++acks_due_;
-    queued_bytes_ += bytes.size();
     queue_.push_back({std::move(bytes), is_text});
     if (queue_.size() == 1) write();
   }
@@ -216,7 +220,6 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     stream_.text(queue_.front().is_text);
     stream_.async_write(asio::buffer(queue_.front().bytes), [self](BoostError error, size_t) {
       if (error) return self->ended();
-      self->queued_bytes_ -= self->queue_.front().bytes.size();
       self->queue_.pop_front();
       if (!self->queue_.empty()) return self->write();
       if (self->is_closing_) self->close_now();
@@ -247,8 +250,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
   asio::steady_timer timer_;
   beast::flat_buffer buffer_{kMaxMessageBytes};
   std::deque<Outgoing> queue_;  // the first is being written
-  size_t queued_bytes_ = 0;
-  uint32_t number_ = 0;  // the hub's number; 0: not yet accepted
+  uint32_t number_ = 0;         // the hub's number; 0: not yet accepted
   bool has_left_ = false;
   bool is_closing_ = false;
   websocket::close_reason close_reason_;

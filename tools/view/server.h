@@ -43,7 +43,8 @@ inline constexpr uint32_t kMaxSockets = 64;
 inline constexpr uint32_t kMaxHeaderBytes = 8 << 10;
 inline constexpr uint32_t kMaxMessagesPerSecond =
     240;  // per viewer and second, without acknowledgements; a viewer that sends more is disconnected
-inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // unsent data per viewer; a slower viewer is disconnected
+inline constexpr size_t kMaxQueuedBytes =
+    size_t{32} << 20;  // of unsent data per viewer, beside the largest message; a slower viewer is disconnected
 inline constexpr size_t kMaxQueuedMessages = 512;
 inline constexpr std::chrono::seconds kRequestTimeout{10};  // for a request's head, and for a WebSocket's handshake
 inline constexpr std::chrono::seconds kHelloTimeout{5};
