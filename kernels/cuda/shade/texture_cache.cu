@@ -104,8 +104,11 @@ struct CacheLayout {
   uint64_t bytes;
 };
 
+/// At most twice the slots that all groups need: a group has two sets of kWays, so hardly any is dropped then.
 uint32_t slots_of(uint64_t bytes, const JpegGroups& groups) {
-  return groups.pixels != 0 ? TextureCache::slots_for(bytes, sizeof(uint32_t) * groups.pixels) : 0;
+  if (groups.pixels == 0) return 0;
+  const auto slot_bytes = static_cast<uint32_t>(sizeof(uint32_t) * groups.pixels);
+  return TextureCache::slots_for(min_of(bytes, 2 * uint64_t{groups.count} * slot_bytes), slot_bytes);
 }
 
 CacheLayout lay_out(uint32_t slots, const JpegGroups& groups) {
