@@ -61,13 +61,12 @@ Result<void> check_output(const std::string& output) {
   return {};
 }
 
-Result<void> check_not_source(const std::set<std::string>& files, const std::string& output) {
+Result<void> check_not_read(const std::set<std::string>& files, const std::string& output, const char* kind) {
   std::error_code ignored;
   for (const std::string& file : files)
     for (const std::string& written : {output, output + ".part", sort_file_name(output)})
       if (std::filesystem::equivalent(file, written, ignored))
-        return Error{ErrorCode::kUsage,
-                     written + ": the output would replace " + (file == written ? "a file of the source" : file)};
+        return Error{ErrorCode::kUsage, written + ": the output would replace " + (file == written ? kind : file)};
   return {};
 }
 
