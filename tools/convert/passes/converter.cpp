@@ -11,6 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/fail.h"
+#include "runtime/files/mapped_file.h"
 #include "tools/common/output/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
@@ -83,7 +84,9 @@ class Converter {
     SCREE_TRY(store_masks(*writer_));
     list_left_out();
     SCREE_TRY(write_nodes(scene_, instances_, tables_, *writer_));
-    report_.output_bytes = SCREE_TRY(writer_->finish(tables_));
+    format::ContainerWriter::Check check;
+    if (shards_ != nullptr) check = [this](const std::string& part) { return check_merged(part); };
+    report_.output_bytes = SCREE_TRY(writer_->finish(tables_, check));
     fill_report();
     return {};
   }
@@ -203,13 +206,13 @@ class Converter {
     WorkerPool pool(report_.threads_asked, options_.stop);
     MergePass pass(pool, *writer_, options_.zstd_level, times_);
     for (ShardFile& shard : shards_->files) {
-      pass.begin(shard);
+      SCREE_TRY(pass.begin(shard));
       for (WindowOutcome& window : shard.share.windows) {
         const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
         if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
             !is_outcome_of(window, windows[number], mesh))
           return fail(ErrorCode::kFormat, shard.map.path(), ": window ", number, " differs from the source");
-        SCREE_TRY(pass.add(window));
+        SCREE_TRY(pass.add(window, tables_.meshes[mesh]));
         note_window(window, mesh);
         done += windows[number++].count;
         progress_.update(done, writer_->bytes());
@@ -223,6 +226,14 @@ class Converter {
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
+  }
+
+  /// Checks all tables of the merged file: shards come from outside, and not all of their numbers have a check of their
+  /// own.
+  Result<void> check_merged(const std::string& part) const {
+    const auto map = SCREE_TRY(runtime::MappedFile::open(part));
+    SCREE_TRY_AT(report_.output + ": its shards give no valid file", format::Container::open(map.bytes()));
+    return {};
   }
 
   Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
