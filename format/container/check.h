@@ -1,9 +1,11 @@
-// Used by Container::open: the addresses of a file's tables, and the check of every field of every record.
+// Used by Container::open: the addresses of a file's tables, and the check of every field of every record. Chunks that
+// are in no table yet are checked alone.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "format/container/container.h"
 #include "format/fail.h"
@@ -45,5 +47,11 @@ class TableReader {
 /// before a record of a large table is read for the first time. Allocates only for an error's text. Errors kRange,
 /// kReserved, kFormat.
 Result<void> check_records(const TableViews& tables, TableReader& reader);
+
+/// Checks every field of a chunk, as check_records() does. `index`: of the chunk, for messages. `pages`: of the file
+/// that has its page. `mesh`: number `mesh_index`, valid; its chunks before this one have `first_triangle` triangles.
+/// Errors kRange, kReserved.
+std::optional<Error> check_chunk_record(uint64_t index, const ChunkRecord& chunk, const Table<PageRecord>& pages,
+                                        const MeshRecord& mesh, uint64_t mesh_index, uint64_t first_triangle);
 
 }  // namespace scree::format

@@ -129,10 +129,11 @@ std::optional<Error> Checker::mesh_fields(uint64_t index) const {
   return std::nullopt;
 }
 
+namespace {
+
 /// Checks a chunk's location: page, mesh, triangles.
-std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh, uint64_t mesh_index,
-                                          uint64_t first_triangle) const {
-  const ChunkRecord& chunk = chunks_[index];
+std::optional<Error> chunk_range(uint64_t index, const ChunkRecord& chunk, const Table<PageRecord>& pages,
+                                 const MeshRecord& mesh, uint64_t mesh_index, uint64_t first_triangle) {
   if (chunk.mesh != mesh_index) {
     return fail(kRange, "chunk ", index, ": mesh ", chunk.mesh, ", but it is a chunk of mesh ", mesh_index);
   }
@@ -150,8 +151,8 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   if (chunk.bytes != streams.bytes) {
     return fail(kRange, "chunk ", index, ": ", chunk.bytes, " bytes, but its streams take ", streams.bytes);
   }
-  if (chunk.page >= pages_.size()) return fail_index("chunk", index, "page", chunk.page, pages_.size(), "pages");
-  const PageRecord& page = pages_[chunk.page];
+  if (chunk.page >= pages.size()) return fail_index("chunk", index, "page", chunk.page, pages.size(), "pages");
+  const PageRecord& page = pages[chunk.page];
   if (page.kind != PageKind::kGeometry) {
     return fail(kRange, "chunk ", index, ": page ", chunk.page, " is of kind ", page.kind, ", which holds no chunks");
   }
@@ -170,8 +171,7 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
 }
 
 /// Checks an indexed chunk's index fields.
-std::optional<Error> Checker::index_fields(uint64_t index) const {
-  const ChunkRecord& chunk = chunks_[index];
+std::optional<Error> index_fields(uint64_t index, const ChunkRecord& chunk) {
   if (chunk.index_bits > 32) return fail(kRange, "chunk ", index, ": ", chunk.index_bits, " index bits");
   // All-equal indices take no bytes, so the count alone has to bound the cost of decoding.
   if (chunk.index_bits == 0 && chunk.triangle_count > kMaxChunkTriangles) {
@@ -192,8 +192,7 @@ std::optional<Error> Checker::index_fields(uint64_t index) const {
 }
 
 /// Checks a clustered chunk's cluster fields.
-std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& mesh) const {
-  const ChunkRecord& chunk = chunks_[index];
+std::optional<Error> cluster_fields(uint64_t index, const ChunkRecord& chunk, const MeshRecord& mesh) {
   if (mesh.position_encoding == PositionEncoding::kFloat32) {
     return fail(kRange, "chunk ", index, ": clusters, but float32 positions");
   }
@@ -215,13 +214,12 @@ std::optional<Error> Checker::cluster_fields(uint64_t index, const MeshRecord& m
 }
 
 /// Checks the ranges and widths of a chunk's streams.
-std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord& mesh) const {
-  const ChunkRecord& chunk = chunks_[index];
+std::optional<Error> chunk_streams_of(uint64_t index, const ChunkRecord& chunk, const MeshRecord& mesh) {
   if (chunk.encoding == ChunkEncoding::kIndexed) {
-    if (auto error = index_fields(index)) [[unlikely]]
+    if (auto error = index_fields(index, chunk)) [[unlikely]]
       return error;
   } else if (chunk.encoding == ChunkEncoding::kClustered) {
-    if (auto error = cluster_fields(index, mesh)) [[unlikely]]
+    if (auto error = cluster_fields(index, chunk, mesh)) [[unlikely]]
       return error;
   } else {
     return fail(kRange, "chunk ", index, ": encoding ", chunk.encoding);
@@ -292,6 +290,16 @@ std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord&
   return std::nullopt;
 }
 
+}  // namespace
+
+std::optional<Error> check_chunk_record(uint64_t index, const ChunkRecord& chunk, const Table<PageRecord>& pages,
+                                        const MeshRecord& mesh, uint64_t mesh_index, uint64_t first_triangle) {
+  // Streams before sizes: the error should give the absurd width, not the size that follows from it.
+  if (auto error = chunk_streams_of(index, chunk, mesh)) [[unlikely]]
+    return error;
+  return chunk_range(index, chunk, pages, mesh, mesh_index, first_triangle);
+}
+
 Result<void> Checker::meshes(Part part) {
   for (uint64_t m = part.begin(meshes_.size()); m < part.end(meshes_.size()); ++m) {
     announce(TableKind::kMeshes, m);
@@ -307,10 +315,7 @@ Result<void> Checker::meshes(Part part) {
     uint64_t vertices = 0;
     for (uint64_t c = next_chunk_; c < next_chunk_ + mesh.chunk_count; ++c) {
       announce(TableKind::kChunks, c);
-      // Streams before sizes: the error should give the absurd width, not the size that follows from it.
-      if (auto error = chunk_streams_of(c, mesh)) [[unlikely]]
-        return *std::move(error);
-      if (auto error = chunk_range(c, mesh, m, triangles)) [[unlikely]]
+      if (auto error = check_chunk_record(c, chunks_[c], pages_, mesh, m, triangles)) [[unlikely]]
         return *std::move(error);
       triangles += chunks_[c].triangle_count;
       vertices += chunks_[c].vertex_count;

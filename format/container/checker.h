@@ -69,11 +69,6 @@ class Checker {
 
  private:
   std::optional<Error> mesh_fields(uint64_t index) const;
-  std::optional<Error> chunk_range(uint64_t index, const MeshRecord& mesh, uint64_t mesh_index,
-                                   uint64_t first_triangle) const;
-  std::optional<Error> index_fields(uint64_t index) const;
-  std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
-  std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
   std::optional<Error> page_of(const char* kind, uint64_t index, uint64_t page, PageKind expected,
                                const char* content) const;

@@ -224,10 +224,13 @@ class ContainerWriter {
   /// Stored bytes of all pages of a kind.
   uint64_t page_bytes(PageKind kind) const;
 
-  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile. If another
-  /// file has the name by then (Existing::kRefuse), the .part stays, because it is the whole file and took long to
-  /// make.
-  Result<uint64_t> finish(const TableSet& tables);
+  /// Checks the .part, which has all bytes of the finished file.
+  using Check = std::function<Result<void>(const std::string& part)>;
+
+  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile; those of
+  /// `check`, after which the file does not get its name. If another file has the name by then (Existing::kRefuse), the
+  /// .part stays, because it is the whole file and took long to make.
+  Result<uint64_t> finish(const TableSet& tables, const Check& check = {});
 
  private:
   struct Impl;

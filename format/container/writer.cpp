@@ -136,7 +136,7 @@ struct ContainerWriter::Impl {
   void note(uint32_t kind, std::span<const std::byte> entry);
   Result<bool> is_whole(const PageRecord& record, uint64_t earlier_end);
   Result<void> append_records(TableKind kind, uint32_t record_bytes, std::span<const std::byte> records);
-  Result<void> rename_into_place(const FileHeader& header);
+  Result<void> rename_into_place(const FileHeader& header, const Check& check);
 };
 
 /// Gives up the .part at once if a write fails, to free its disk space.
@@ -213,10 +213,11 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
 
 /// The data must reach the disk before the name, and the name before the caller continues. This can take long, and a
 /// killed process must be able to resume, so the header, which replaces the log's mark, is written last.
-Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
+Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header, const Check& check) {
   Result<void> done = file.sync();
   if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
   if (done && is_longer) done = file.resize(header.file_bytes);
+  if (done && check) done = check(file.part_path());
   if (done) done = file.commit();  // which syncs again
   if (!done && file.is_refused()) {
     file.keep();
@@ -377,7 +378,7 @@ Result<void> ContainerWriter::append_records(TableKind kind, uint32_t record_byt
   return impl_->append_records(kind, record_bytes, records);
 }
 
-Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
+Result<uint64_t> ContainerWriter::finish(const TableSet& tables, const Check& check) {
   Result<void> written;
   const auto table = [&](TableKind kind, const auto& records) {
     if (written) written = impl_->append_records(kind, sizeof(records[0]), std::as_bytes(std::span(records)));
@@ -427,7 +428,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
   SCREE_TRY(impl_->pad(impl_->end, header.toc_offset));
   SCREE_TRY(impl_->write(header.toc_offset, toc_bytes));
-  SCREE_TRY(impl_->rename_into_place(header));
+  SCREE_TRY(impl_->rename_into_place(header, check));
   impl_->end = header.file_bytes;
   return header.file_bytes;
 }

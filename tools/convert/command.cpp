@@ -173,8 +173,9 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
   convert::ConvertOptions options = SCREE_TRY(parse(words, positions_given));
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
-    const StopOnSignal handlers(words.resume ? "continue with --resume" : "");
+    const StopOnSignal handlers;
     options.stop = StopOnSignal::flag();
+    options.on_part = [] { StopOnSignal::advise("continue with --resume"); };
     report = convert::convert(options);
   }
   if (!report) return report.error();

@@ -47,7 +47,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
                         .replace_extension(options.shards > 0 ? std::to_string(options.shard + 1) + ".part" : "scree")
                         .string();
   SCREE_TRY(check_output(report.output));
-  if (!tools::is_same_file(report.output, options.input))  // check_not_source() refuses that file, even with --force
+  if (!tools::is_same_file(report.output, options.input))  // check_not_read() refuses that file, even with --force
     SCREE_TRY(tools::check_output_file(report.output, options.existing));
   report.output = format::PartFile::target_of(report.output);
   ImportOptions import_options;
@@ -60,7 +60,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   SourceScene scene = SCREE_TRY(import_gltf(options.input, import_options));
   report.warnings = scene.warnings;
   const std::set<std::string> files = source_files(options.input, scene);
-  SCREE_TRY(check_not_source(files, report.output));
+  SCREE_TRY(check_not_read(files, report.output, "a file of the source"));
   report.input_bytes = SCREE_TRY(total_bytes(files));
   if (shards != nullptr) SCREE_TRY(check_same_source(*shards, stamp_files(options.input, files)));
   {
@@ -83,9 +83,8 @@ Result<ConvertReport> without_throwing(const std::string& input, const std::func
 }
 
 Result<ConvertReport> merge_or_throw(const MergeOptions& merging) {
-  for (const std::string& shard : merging.shards)
-    if (tools::is_same_file(shard, merging.output))
-      return Error{ErrorCode::kUsage, merging.output + ": the output would replace a shard"};
+  SCREE_TRY(check_not_read({merging.shards.begin(), merging.shards.end()}, format::PartFile::target_of(merging.output),
+                           "a shard"));
   ShardSet shards = SCREE_TRY(open_shards(merging.shards));
   ConvertOptions options = shards.plan.options;
   options.input = shards.files.front().share.input;

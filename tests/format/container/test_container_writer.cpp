@@ -70,6 +70,21 @@ TEST_CASE("container writer: the name appears at the end, and the .part disappea
   CHECK(!verify_copy(read_bytes(path)));
 }
 
+TEST_CASE("container writer: a whole file whose check fails does not get its name", "[container]") {
+  const TempFolder folder;
+  const std::string path = folder.write("a.scree", "the earlier file");
+  auto writer = must(ContainerWriter::create(path));
+  REQUIRE(writer.append(noise_page(5000)));
+  const auto refuse = [&](const std::string& part) -> Result<void> {
+    CHECK(part == path + ".part");
+    CHECK(!verify_copy(read_bytes(part)));
+    return Error{ErrorCode::kRange, "refused"};
+  };
+  check_refusal(writer.finish({}, refuse), ErrorCode::kRange, "refused");
+  CHECK(read_bytes(path).size() == 16);
+  CHECK(folder.names().size() == 1);
+}
+
 TEST_CASE("container writer: pages that are dropped leave nothing", "[container]") {
   const TempFolder folder;
   const auto bytes_of = [&](bool drops) {

@@ -3,6 +3,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstring>
@@ -16,6 +17,7 @@
 #include "tests/sanitized.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
+#include "tools/convert/convert.h"
 #include "tools/convert/passes/resume.h"
 
 using namespace scree;
@@ -160,6 +162,34 @@ TEST_CASE("convert --resume: a signal leaves the .part only with the option", "[
   REQUIRE(std::filesystem::exists(conversion.part()));
   CHECK(says(conversion.resume(), "resumed after"));
   CHECK_FALSE(says(conversion.resume(), "resume"));  // there is nothing to resume
+}
+
+TEST_CASE("convert --resume: a .part is reported once there is one to continue", "[convert][resume]") {
+  const TempFolder folder;
+  make_model(folder.file("in.glb"), GridSpec{});
+  const std::string part = folder.file("out.scree.part");
+  std::atomic<bool> stop = true;
+  int reports = 0;
+  convert::ConvertOptions options;
+  options.input = folder.file("in.glb");
+  options.output = folder.file("out.scree");
+  options.resume = true;
+  options.stop = &stop;
+  options.on_part = [&] {
+    CHECK(std::filesystem::exists(part));
+    ++reports;
+  };
+  check_refusal(convert::convert(options), ErrorCode::kFile, "interrupted");  // while it measures
+  CHECK(reports == 0);
+  CHECK_FALSE(std::filesystem::exists(part));
+  folder.write("out.scree.part", "of an earlier run");
+  check_refusal(convert::convert(options), ErrorCode::kFile, "interrupted");
+  CHECK(reports == 1);
+  CHECK(std::filesystem::exists(part));
+  std::filesystem::remove(part);
+  stop = false;
+  must(convert::convert(options));
+  CHECK(reports == 2);
 }
 
 TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {

@@ -1,10 +1,11 @@
-// Conversion of EXT_mesh_gpu_instancing: few instances are held and compared, and many are streamed.
+// The instances of the scenes of a file. With EXT_mesh_gpu_instancing few are held and compared, and many are streamed.
 #include <array>
 #include <string>
 #include <string_view>
 #include <tuple>
 #include <vector>
 
+#include "tests/speed.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/convert.h"
@@ -100,4 +101,57 @@ TEST_CASE("meshes share a step if their matrices may be equal", "[convert]") {
   REQUIRE(opened.file.meshes().size() == 3);
   for (uint64_t i = 1; i < 3; ++i)
     CHECK(opened.file.meshes()[i].lattice_exponent == opened.file.meshes()[0].lattice_exponent);
+}
+
+TEST_CASE("the instances of each scene are sorted by mesh and node", "[convert]") {
+  const TempFolder folder;
+  ModelMaker maker(folder.file("in.glb"));
+  const uint32_t pair = maker.mesh("pair", {maker.grid({}), maker.grid({.origin = {0, 1, 0}})});
+  const uint32_t single = maker.mesh("single", {maker.grid({.columns = 5})});
+  const auto add = [&](const char* name, uint32_t mesh, const std::vector<uint32_t>& children = {}) {
+    return maker.writer().add_node({.name = name, .mesh = mesh, .children = children});
+  };
+  const uint32_t leaf = add("leaf", pair), twig = add("twig", single, {leaf}), tree = add("tree", pair, {twig});
+  const uint32_t stone = add("stone", single), bare = add("bare", format::kNone);
+  const std::vector<std::vector<uint32_t>> scenes{{stone, tree}, {tree}, {bare}, {bare, stone}};
+  for (const std::vector<uint32_t>& roots : scenes) maker.writer().add_scene({.name = "", .nodes = roots});
+  maker.finish(false);
+  convert::ConvertOptions options;
+  options.input = folder.file("in.glb");
+  options.output = folder.file("out.scree");
+  must(convert::convert(options));
+  const tests::PackedFile opened = must(tests::open_packed(options.output));
+  std::string found;
+  for (uint64_t i = 0; i < opened.file.scenes().size(); ++i) {
+    const format::SceneRecord& scene = opened.file.scenes()[i];
+    for (uint64_t k = scene.first_instance; k < scene.first_instance + scene.instance_count; ++k) {
+      const format::InstanceRecord& instance = opened.file.instances()[k];
+      found += std::to_string(instance.mesh) + std::string(opened.file.string(opened.file.nodes()[instance.node].name));
+    }
+    found += "|";
+  }
+  CHECK(found == "0tree0leaf1tree1leaf2twig2stone|0tree0leaf1tree1leaf2twig||2stone|");
+}
+
+TEST_CASE("the time for many scenes of one node each grows with their number, not with its square", "[convert]") {
+  constexpr uint32_t kCount = 200000;
+  convert::SourceScene scene;
+  scene.groups.resize(1);
+  scene.nodes.resize(kCount);
+  scene.scenes.resize(kCount);
+  for (uint32_t i = 0; i < kCount; ++i) {
+    scene.nodes[i].group = 0;
+    scene.scenes[i].roots = {i};
+  }
+  format::TableSet tables;
+  tables.meshes.resize(1);
+  tables.groups.push_back({0, 0, 1, 0});
+  const TempFolder folder;
+  format::ContainerWriter writer = must(format::ContainerWriter::create(folder.file("out.scree")));
+  const double start = tests::cpu_seconds();
+  const convert::InstancePlan plan = must(convert::plan_scenes(scene, tables));
+  must(convert::write_nodes(scene, plan, tables, writer));
+  CHECK(tables.scenes.size() == kCount);
+  CHECK(tables.scenes.back().first_instance == kCount - 1);
+  CHECK(tests::cpu_seconds() - start < 20);  // 0.1 s in a release build; 4e10 steps take longer anywhere
 }

@@ -3,9 +3,14 @@
 #include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <limits>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "format/container/container.h"
+#include "format/geometry/chunk_layout.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/tools/model_maker.h"
@@ -250,6 +255,83 @@ TEST_CASE("all data of a shard are checked against the source", "[convert][shard
   for (size_t size = 0; size < share.size(); size += 1 + size / 64)
     CHECK_FALSE(
         convert::unpack_share(std::vector<std::byte>(share.begin(), share.begin() + static_cast<ptrdiff_t>(size))));
+}
+
+TEST_CASE("a crafted shard with right checksums is refused", "[convert][shards]") {
+  using convert::ShardPlan;
+  using convert::ShardShare;
+  const Sharded scene(true);  // its geometry takes several pages, so that the first one is copied
+  (void)scene.make_shards(scene.options(), 1);
+  const auto opened = must(convert::open_shards({scene.shard(1)}));
+  const format::Container& container = opened.files[0].container;
+  const std::string bad = scene.folder().file("bad.part");
+  const format::ChunkRecord first = opened.files[0].share.windows[0].chunks[0];
+  REQUIRE(opened.files[0].share.windows.back().chunks.back().page > first.page);
+  REQUIRE(opened.files[0].share.windows[0].chunks.size() > 1);
+  REQUIRE(opened.files[0].share.windows[0].chunks[1].page == first.page);
+  REQUIRE(first.offset == 0);
+  // Writes the shard with another plan and share, and with the first page of geometry changed and packed.
+  using ChangePage = std::function<void(std::vector<std::byte>&)>;
+  const auto write = [&](const ShardPlan& plan, const ShardShare& share, const ChangePage& change, int zstd_level) {
+    auto writer = must(format::ContainerWriter::create(bad));
+    for (uint32_t i = 0; i < container.pages().size(); ++i) {
+      const format::PageRecord& record = container.pages()[i];
+      const std::span<const std::byte> stored = container.stored_page(i);
+      std::vector<std::byte> bytes(stored.begin(), stored.end());
+      if (record.kind == convert::kShardPlanPage || record.kind == convert::kShardSharePage) continue;
+      if (i == first.page) {
+        REQUIRE(record.codec == format::PageCodec::kRaw);
+        change(bytes);
+        must(writer.append(format::seal_page(record.kind, std::move(bytes), zstd_level)));
+      } else {
+        must(writer.append({record, std::move(bytes)}));
+      }
+    }
+    must(convert::append_shard_pages(convert::pack_plan(plan), share, writer));
+    must(writer.finish({}));
+  };
+  const auto leave = [](std::vector<std::byte>&) {};
+
+  for (const int zstd_level : {0, 1}) {
+    write(opened.plan, opened.files[0].share, leave, zstd_level);
+    must(scene.merge({bad}));
+    const auto damage = [&](std::vector<std::byte>& page) {
+      const format::ChunkStream clusters = format::chunk_streams({}, first).clusters;
+      std::fill_n(page.begin() + static_cast<std::ptrdiff_t>(clusters.offset), clusters.bytes, std::byte{0xff});
+    };
+    write(opened.plan, opened.files[0].share, damage, zstd_level);
+    scene.must_refuse({bad}, ErrorCode::kRange,
+                      "bad.part: chunk 0 in page " + std::to_string(first.page) + ": clusters: cluster 0: first");
+    const auto lengthen = [](std::vector<std::byte>& page) { page.resize(page.size() + 16); };
+    write(opened.plan, opened.files[0].share, lengthen, zstd_level);
+    scene.must_refuse({bad}, ErrorCode::kTrailing, "bad.part: page " + std::to_string(first.page) + ": ");
+  }
+
+  struct Case {
+    const char* words;  // of the error
+    std::function<void(convert::WindowOutcome&)> change;
+  };
+  const Case cases[] = {
+      {"bad.part: chunk 0: page 4294967295, but the file has", [](auto& window) { window.chunks[0].page = ~0u; }},
+      {"bad.part: chunk 0: page 0 is of kind", [](auto& window) { window.chunks[0].page = 0; }},  // of an image
+      {" clusters of 2147483647 vertices", [](auto& window) { window.chunks[0].vertex_count = 0x7fffffff; }},
+      {"bad.part: chunk 0: 16 bytes, but its streams take", [](auto& window) { window.chunks[0].bytes = 16; }},
+      {"bad.part: chunk 0: at byte 16 of page", [](auto& window) { window.chunks[0].offset = 16; }},
+      {"bad.part: chunk 1: first triangle", [](auto& window) { ++window.chunks[1].first_triangle; }},
+      {"bad.part: chunk 0: encoding 77", [](auto& window) { window.chunks[0].encoding = format::ChunkEncoding{77}; }},
+      {"merged.scree: its shards give no valid file: mesh 0: uv error",
+       [](auto& window) { window.uv_error = std::numeric_limits<float>::infinity(); }},
+  };
+  for (const Case& wrong : cases) {
+    ShardShare share = opened.files[0].share;
+    wrong.change(share.windows[0]);
+    write(opened.plan, share, leave, 0);
+    scene.must_refuse({bad}, ErrorCode::kRange, wrong.words);
+  }
+  ShardPlan plan = opened.plan;
+  plan.measurement.primitives[0].box.lo[1] = std::numeric_limits<float>::quiet_NaN();
+  write(plan, opened.files[0].share, leave, 0);
+  scene.must_refuse({bad}, ErrorCode::kFormat, "bad.part: the box of primitive 0 does not match the source");
 }
 
 TEST_CASE("parts of a list are consecutive and have equal weights", "[convert][shards]") {

@@ -92,7 +92,7 @@ void end_on_signal(std::string_view command) {
 }
 
 StopOnSignal::StopOnSignal(std::string_view advice) {
-  if (!advice.empty()) make_line(advice);
+  if (!advice.empty()) advise(advice);
   for (size_t i = 0; i < 3; ++i) sigaction(kSignals[i], nullptr, &before_[i]);
   install(request_stop);
 }
@@ -103,6 +103,10 @@ StopOnSignal::~StopOnSignal() {
 
 const std::atomic<bool>* StopOnSignal::flag() {
   return &stop_requested;
+}
+
+void StopOnSignal::advise(std::string_view advice) {
+  make_line(advice);
 }
 
 void end_silently_on_signal() {

@@ -29,6 +29,9 @@ class StopOnSignal {
   /// The flag that the job tests between its steps.
   static const std::atomic<bool>* flag();
 
+  /// Sets the advice later, once it is right.
+  static void advise(std::string_view advice);
+
  private:
   struct sigaction before_[3]{};  // of SIGINT, SIGTERM and SIGHUP
 };

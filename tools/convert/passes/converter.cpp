@@ -11,6 +11,7 @@
 
 #include "format/container/container.h"
 #include "format/fail.h"
+#include "runtime/files/mapped_file.h"
 #include "tools/common/output/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
@@ -47,6 +48,7 @@ class Converter {
       : options_(options), scene_(scene), files_(files), shards_(shards), progress_(progress), report_(report) {}
 
   Result<void> run() {
+    note_part();
     find_wanted();
     SCREE_TRY(find_masks());
     SCREE_TRY(plan_memory());
@@ -69,6 +71,7 @@ class Converter {
     if (options_.shards > 0) start = cut_shard();
     if (!ahead_) {
       writer_ = SCREE_TRY(open_writer());
+      note_part();
       // Images come first, so that a damaged image is reported before the geometry is encoded.
       SCREE_TRY(store_images(*writer_));
       written_before_ = writer_->bytes();
@@ -81,12 +84,21 @@ class Converter {
     SCREE_TRY(store_masks(*writer_));
     list_left_out();
     SCREE_TRY(write_nodes(scene_, instances_, tables_, *writer_));
-    report_.output_bytes = SCREE_TRY(writer_->finish(tables_));
+    format::ContainerWriter::Check check;
+    if (shards_ != nullptr) check = [this](const std::string& part) { return check_merged(part); };
+    report_.output_bytes = SCREE_TRY(writer_->finish(tables_, check));
     fill_report();
     return {};
   }
 
  private:
+  /// Reports a .part that --resume can continue.
+  void note_part() const {
+    std::error_code ignored;
+    if (options_.resume && options_.on_part && std::filesystem::exists(report_.output + ".part", ignored))
+      options_.on_part();
+  }
+
   void find_wanted() {
     std::vector<bool> drawn(scene_.groups.size());
     for (const SourceNode& node : scene_.nodes)
@@ -194,13 +206,13 @@ class Converter {
     WorkerPool pool(report_.threads_asked, options_.stop);
     MergePass pass(pool, *writer_, options_.zstd_level, times_);
     for (ShardFile& shard : shards_->files) {
-      pass.begin(shard);
+      SCREE_TRY(pass.begin(shard));
       for (WindowOutcome& window : shard.share.windows) {
         const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
         if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
             !is_outcome_of(window, windows[number], mesh))
           return fail(ErrorCode::kFormat, shard.map.path(), ": window ", number, " differs from the source");
-        SCREE_TRY(pass.add(window));
+        SCREE_TRY(pass.add(window, tables_.meshes[mesh]));
         note_window(window, mesh);
         done += windows[number++].count;
         progress_.update(done, writer_->bytes());
@@ -214,6 +226,14 @@ class Converter {
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
+  }
+
+  /// Checks all tables of the merged file: shards come from outside, and not all of their numbers have a check of their
+  /// own.
+  Result<void> check_merged(const std::string& part) const {
+    const auto map = SCREE_TRY(runtime::MappedFile::open(part));
+    SCREE_TRY_AT(report_.output + ": its shards give no valid file", format::Container::open(map.bytes()));
+    return {};
   }
 
   Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {

@@ -3,8 +3,10 @@
 #include <string>
 #include <utility>
 
-#include "format/bytes.h"
+#include "format/container/check.h"
 #include "format/container/checksum.h"
+#include "format/fail.h"
+#include "runtime/scene/pages.h"
 
 namespace scree::convert {
 namespace {
@@ -61,53 +63,98 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
   return {};
 }
 
-void MergePass::begin(const ShardFile& shard) {
+Result<void> MergePass::begin(const ShardFile& shard) {
+  SCREE_TRY(leave_page());
   shard_ = &shard;
   page_ = last_page_ = format::kNone;
   for (const WindowOutcome& window : shard.share.windows)
     if (!window.chunks.empty()) last_page_ = window.chunks.back().page;
+  return {};
 }
 
 /// Continues with the page of `chunk`: copies it as a whole if possible, otherwise loads it.
 Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
-  if (!has_page(*shard_, chunk.page, format::PageKind::kGeometry) || (page_ != format::kNone && chunk.page < page_))
-    return no_page(*shard_, chunk.page);
+  if (page_ != format::kNone && chunk.page < page_) return no_page(*shard_, chunk.page);
+  SCREE_TRY(leave_page());
   page_ = chunk.page;
+  const format::PageRecord& record = shard_->container.pages()[page_];
+  std::vector<std::byte> stored = SCREE_TRY(read_page(*shard_, page_));
   if (page_ != last_page_ && !geometry_.fits(chunk.bytes)) {
-    std::vector<std::byte> stored = SCREE_TRY(read_page(*shard_, page_));
-    copy_ = SCREE_TRY(geometry_.add_page({shard_->container.pages()[page_], std::move(stored)}));
+    bytes_ = std::make_shared<std::vector<std::byte>>(stored);
+    copy_ = SCREE_TRY(geometry_.add_page({record, std::move(stored)}));
     return {};
   }
   copy_ = format::kNone;
-  std::vector<std::byte> stored = SCREE_TRY(read_page(*shard_, page_));
-  const format::PageRecord& record = shard_->container.pages()[page_];
-  if (record.codec == format::PageCodec::kRaw) {
-    raw_ = std::move(stored);
-    return {};
+  if (record.codec != format::PageCodec::kRaw) {
+    std::vector<std::byte> raw(record.raw_bytes);
+    SCREE_TRY_AT(shard_->map.path(), shard_->container.unpack_page(page_, stored, raw));
+    stored = std::move(raw);
   }
-  raw_.resize(record.raw_bytes);
-  const Result<void> unpacked = shard_->container.unpack_page(page_, stored, raw_);
-  return unpacked ? unpacked : at(shard_->map.path(), unpacked.error());
+  bytes_ = std::make_shared<std::vector<std::byte>>(std::move(stored));
+  return {};
 }
 
-Result<void> MergePass::add(WindowOutcome& window) {
+/// Checks the page of the previous chunk, whose chunks are all known now: their content on the pool.
+Result<void> MergePass::leave_page() {
+  if (page_ == format::kNone) return {};
+  const format::PageRecord& record = shard_->container.pages()[page_];
+  if (page_end_ != record.raw_bytes)
+    return fail(ErrorCode::kTrailing, shard_->map.path(), ": page ", page_, ": ", record.raw_bytes,
+                " bytes, but its chunks end at byte ", page_end_);
+  page_end_ = 0;
+  const bool is_packed = copy_ != format::kNone && record.codec != format::PageCodec::kRaw;
+  const uint64_t cost = bytes_->size() + (is_packed ? record.raw_bytes : 0) + chunks_.size() * sizeof(PlacedChunk);
+  auto check = [shard = shard_, page = page_, is_packed, bytes = std::move(bytes_),
+                chunks = std::exchange(chunks_, {})](uint32_t) -> Result<bool> {
+    std::vector<std::byte> raw;
+    if (is_packed) {
+      raw.resize(shard->container.pages()[page].raw_bytes);
+      SCREE_TRY_AT(shard->map.path(), shard->container.unpack_page(page, *bytes, raw));
+    }
+    for (const PlacedChunk& chunk : chunks)
+      SCREE_TRY_AT(shard->map.path() + ": chunk " + std::to_string(chunk.number) + " in page " + std::to_string(page),
+                   runtime::check_chunk(*chunk.mesh, chunk.record, is_packed ? raw : *bytes));
+    return true;
+  };
+  checks_.submit(std::move(check), cost);
+  while (checks_.ready() || (checks_.size() > 1 && checks_.cost() > most_bytes_)) SCREE_TRY(checks_.take());
+  return {};
+}
+
+Result<void> MergePass::add(WindowOutcome& window, const format::MeshRecord& mesh) {
+  if (mesh_ != &mesh) mesh_triangles_ = 0;
+  mesh_ = &mesh;
   for (format::ChunkRecord& chunk : window.chunks) {
+    const uint64_t number = chunk_count_++;
+    if (const auto error =
+            format::check_chunk_record(number, chunk, shard_->container.pages(), mesh, chunk.mesh, mesh_triangles_))
+      return at(shard_->map.path(), *error);
+    mesh_triangles_ += chunk.triangle_count;
     if (chunk.page != page_) SCREE_TRY(turn_to(chunk));
-    if (!format::range_within(chunk.offset, chunk.bytes, shard_->container.pages()[page_].raw_bytes))
-      return Error{ErrorCode::kRange, shard_->map.path() + ": a chunk does not lie in page " + std::to_string(page_)};
+    if (chunk.offset != page_end_)
+      return fail(ErrorCode::kRange, shard_->map.path(), ": chunk ", number, ": at byte ", chunk.offset, " of page ",
+                  page_, ", expected ", page_end_);
+    page_end_ += chunk.bytes;
+    chunks_.push_back({number, &mesh, chunk});
     if (copy_ != format::kNone) {
       chunk.page = copy_;
       continue;
     }
     EncodedChunk again;
     again.record = chunk;
-    const auto first = raw_.begin() + static_cast<ptrdiff_t>(chunk.offset);
+    const auto first = bytes_->begin() + static_cast<ptrdiff_t>(chunk.offset);
     again.payload.assign(first, first + static_cast<ptrdiff_t>(chunk.bytes));
     SCREE_TRY(geometry_.add(again));
     chunk.page = again.record.page;
     chunk.offset = again.record.offset;
   }
   return {};
+}
+
+Result<void> MergePass::finish() {
+  SCREE_TRY(leave_page());
+  while (checks_.size() > 0) SCREE_TRY(checks_.take());
+  return geometry_.finish();
 }
 
 }  // namespace scree::convert

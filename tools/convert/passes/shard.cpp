@@ -3,6 +3,7 @@
 #include <sys/stat.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <numeric>
 #include <optional>
@@ -391,9 +392,14 @@ Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
     kept[window.primitive] += window.kept;
     before = &window;
   }
-  for (size_t i = 0; i < kept.size(); ++i)
-    if (kept[i] != measurement.primitives[i].triangles)
-      return wrong("the number of triangles of primitive " + std::to_string(i));
+  for (size_t i = 0; i < kept.size(); ++i) {
+    const Measured& primitive = measurement.primitives[i];
+    if (kept[i] != primitive.triangles) return wrong("the number of triangles of primitive " + std::to_string(i));
+    for (size_t axis = 0; primitive.triangles > 0 && axis < 3; ++axis)
+      if (!std::isfinite(primitive.box.lo[axis]) || !std::isfinite(primitive.box.hi[axis]) ||
+          primitive.box.lo[axis] > primitive.box.hi[axis])
+        return wrong("the box of primitive " + std::to_string(i));
+  }
   for (const uint32_t primitive : shards.plan.sorted)
     if (primitive >= scene.primitives.size()) return wrong("primitive " + std::to_string(primitive));
   const ImagePlan& images = shards.plan.images;

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <system_error>
 
 #include "tools/convert/passes/sort_scattered.h"
@@ -27,6 +28,12 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
     add_accessor(primitive.positions);
     if (primitive.indices) add_accessor(*primitive.indices);
     visit_attributes(primitive, true, add_accessor);
+  }
+  for (const SourceNode& node : scene.nodes) {
+    if (!node.instances) continue;
+    for (const std::optional<Accessor>* accessor :
+         {&node.instances->translation, &node.instances->rotation, &node.instances->scale})
+      if (*accessor) add_accessor(**accessor);
   }
   for (const SourceImage& image : scene.images) add(image.source);
   return files;
@@ -54,13 +61,12 @@ Result<void> check_output(const std::string& output) {
   return {};
 }
 
-Result<void> check_not_source(const std::set<std::string>& files, const std::string& output) {
+Result<void> check_not_read(const std::set<std::string>& files, const std::string& output, const char* kind) {
   std::error_code ignored;
   for (const std::string& file : files)
     for (const std::string& written : {output, output + ".part", sort_file_name(output)})
       if (std::filesystem::equivalent(file, written, ignored))
-        return Error{ErrorCode::kUsage,
-                     written + ": the output would replace " + (file == written ? "a file of the source" : file)};
+        return Error{ErrorCode::kUsage, written + ": the output would replace " + (file == written ? kind : file)};
   return {};
 }
 

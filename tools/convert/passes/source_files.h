@@ -20,7 +20,8 @@ Result<uint64_t> total_bytes(const std::set<std::string>& files);
 /// there.
 Result<void> check_output(const std::string& output);
 
-/// Error kUsage if `output`, or a temporary file beside it, is one of `files`.
-Result<void> check_not_source(const std::set<std::string>& files, const std::string& output);
+/// Error kUsage if `output`, or a temporary file beside it, is one of `files`, which are read. `kind`: of these files,
+/// for the message. `output`: from PartFile::target_of().
+Result<void> check_not_read(const std::set<std::string>& files, const std::string& output, const char* kind);
 
 }  // namespace scree::convert

@@ -67,6 +67,9 @@ struct ConvertOptions : RunOptions {
   uint32_t shards = 0;
   // Called by the caller's thread, at most five times per second: `done` of `total` items of a stage are done.
   std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;
+  // Called by the caller's thread, with `resume`, once there is a .part that a later run can continue: at the start if
+  // an earlier run left one, and when this run begins to write.
+  std::function<void()> on_part;
 };
 
 /// Whether the options bound the error instead of setting the bits.

@@ -225,13 +225,41 @@ void sort_by_group(const SourceScene& scene, InstancePlan& plan) {
     if (scene.nodes[i].group != kNone) plan.by_group[next[scene.nodes[i].group]++] = i;
 }
 
-std::vector<bool> shown_nodes(const SourceScene& scene, const SourceSceneRoots& roots) {
-  std::vector<bool> shown(scene.nodes.size());
-  for (const uint32_t root : roots.roots) shown[root] = true;
-  for (size_t i = 0; i < shown.size(); ++i)  // parents come before children
-    if (scene.nodes[i].parent != kNone && shown[scene.nodes[i].parent]) shown[i] = true;
-  return shown;
-}
+/// The nodes that draw meshes, tree by tree. So the nodes of a scene are found without a search through all nodes,
+/// which many small scenes would repeat.
+class DrawnNodes {
+ public:
+  /// `order`: nodes, all that have a group among them.
+  DrawnNodes(const SourceScene& scene, const format::TableSet& tables, std::span<const uint32_t> order)
+      : first_(scene.nodes.size() + 1) {
+    std::vector<uint32_t> tree(scene.nodes.size());  // by node: the root above it
+    for (uint32_t i = 0; i < tree.size(); ++i)       // parents come before children
+      tree[i] = scene.nodes[i].parent == kNone ? i : tree[scene.nodes[i].parent];
+    const auto is_drawn = [&](uint32_t node) {
+      return scene.nodes[node].group != kNone && tables.groups[scene.nodes[node].group].mesh_count > 0;
+    };
+    for (const uint32_t node : order)
+      if (is_drawn(node)) ++first_[tree[node]];
+    std::exclusive_scan(first_.begin(), first_.end(), first_.begin(), uint32_t{0});
+    places_.resize(first_.back());
+    std::vector<uint32_t> next = first_;
+    for (uint32_t i = 0; i < order.size(); ++i)
+      if (is_drawn(order[i])) places_[next[tree[order[i]]]++] = i;
+  }
+
+  /// The places in `order` of the nodes that a scene draws, ascending. A scene lists each of its roots once.
+  std::vector<uint32_t> places(const SourceSceneRoots& scene) const {
+    std::vector<uint32_t> found;
+    for (const uint32_t root : scene.roots)
+      found.insert(found.end(), places_.begin() + first_[root], places_.begin() + first_[root + 1]);
+    if (!std::is_sorted(found.begin(), found.end())) std::sort(found.begin(), found.end());
+    return found;
+  }
+
+ private:
+  std::vector<uint32_t> first_;   // by root: the first of its tree in places_; then the end of the last one
+  std::vector<uint32_t> places_;  // in `order`, ascending in every tree
+};
 
 /// Collects records and passes them on in blocks.
 template <class Record>
@@ -283,6 +311,9 @@ Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tab
       return Error{ErrorCode::kRange, node_place(scene, i) + ": the world matrix is not finite"};
   }
 
+  std::vector<uint32_t> numbers(scene.nodes.size());
+  std::iota(numbers.begin(), numbers.end(), 0u);
+  const DrawnNodes drawn(scene, tables, numbers);
   // The world matrices of a node's instances are made once, for all scenes that show the node.
   MatrixPlanner planner(scene, plan);
   uint64_t total = 0;
@@ -294,12 +325,9 @@ Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tab
     record.first_root = tables.scene_roots.size();
     record.root_count = source.roots.size();
     tables.scene_roots.insert(tables.scene_roots.end(), source.roots.begin(), source.roots.end());
-    const std::vector<bool> shown = shown_nodes(scene, source);
-    for (uint32_t i = 0; i < scene.nodes.size(); ++i) {
+    for (const uint32_t i : drawn.places(source)) {
       const SourceNode& node = scene.nodes[i];
-      if (!shown[i] || node.group == kNone) continue;
       const format::GroupRecord& group = tables.groups[node.group];
-      if (group.mesh_count == 0) continue;
       const auto more = format::checked_mul(copies_of(node), group.mesh_count);
       if (!more || *more > kMaxInstances - total)
         return Error{ErrorCode::kUnsupported,
@@ -355,20 +383,24 @@ Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, for
     SCREE_TRY(for_each_matrix_block(scene, stream.node, stream.world, write_matrices));
 
   RecordBuffer<format::InstanceRecord> instances(writer, format::TableKind::kInstances);
+  const auto add_node = [&](uint32_t mesh, uint32_t node) -> Result<void> {
+    const InstancePlan::Node& place = plan.nodes[node];
+    const uint64_t copies = copies_of(scene.nodes[node]);
+    for (uint64_t copy = 0; copy < copies; ++copy) {
+      const uint64_t matrix = place.is_streamed ? place.first + copy : plan.matrix_of[place.first + copy];
+      SCREE_TRY(instances.add({mesh, node, static_cast<uint32_t>(matrix), static_cast<uint32_t>(copy)}));
+    }
+    return {};
+  };
+  const DrawnNodes drawn(scene, tables, plan.by_group);
   for (const SourceSceneRoots& source : plan.scenes) {
-    const std::vector<bool> shown = shown_nodes(scene, source);
-    for (uint32_t mesh = 0; mesh < tables.meshes.size(); ++mesh) {
-      const uint32_t group = tables.meshes[mesh].group;
-      for (uint64_t n = plan.first_of_group[group]; n < plan.first_of_group[group + 1]; ++n) {
-        const uint32_t node = plan.by_group[n];
-        if (!shown[node]) continue;
-        const InstancePlan::Node& place = plan.nodes[node];
-        const uint64_t copies = copies_of(scene.nodes[node]);
-        for (uint64_t copy = 0; copy < copies; ++copy) {
-          const uint64_t matrix = place.is_streamed ? place.first + copy : plan.matrix_of[place.first + copy];
-          SCREE_TRY(instances.add({mesh, node, static_cast<uint32_t>(matrix), static_cast<uint32_t>(copy)}));
-        }
-      }
+    const std::vector<uint32_t> places = drawn.places(source);
+    for (auto begin = places.begin(), end = begin; begin != places.end(); begin = end) {
+      const uint32_t number = scene.nodes[plan.by_group[*begin]].group;
+      end = std::lower_bound(begin, places.end(), plan.first_of_group[number + 1]);
+      const format::GroupRecord& group = tables.groups[number];
+      for (uint32_t mesh = group.first_mesh; mesh < group.first_mesh + group.mesh_count; ++mesh)
+        for (auto place = begin; place != end; ++place) SCREE_TRY(add_node(mesh, plan.by_group[*place]));
     }
   }
   return instances.flush();

@@ -97,6 +97,28 @@ TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
   CHECK(folder.names() == std::vector<std::string>{"city.scree.part"});
 }
 
+TEST_CASE("advice that becomes right later replaces the line of a signal", "[stop]") {
+  const TempFolder folder;
+  const std::string log = folder.file("log");
+  const pid_t child = fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    if (std::freopen(log.c_str(), "w", stderr) == nullptr) _exit(1);
+    tools::end_on_signal("test");
+    {
+      const tools::StopOnSignal handlers;
+      std::raise(SIGTERM);
+      tools::StopOnSignal::advise("continue");
+    }
+    tools::end_where_signalled();
+    _exit(2);
+  }
+  const int status = wait_for(child);
+  REQUIRE(WIFSIGNALED(status));
+  CHECK(WTERMSIG(status) == SIGTERM);
+  CHECK(read_whole(log) == "scree test: stopped; continue\n");
+}
+
 TEST_CASE("a second signal ends a command at once, removes its unfinished file and names the written ones", "[stop]") {
   const TempFolder folder, outside;
   const std::string log = outside.file("log");
