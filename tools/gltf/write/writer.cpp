@@ -6,6 +6,7 @@
 #include <cstring>
 #include <deque>
 #include <filesystem>
+#include <map>
 #include <set>
 #include <tuple>
 
@@ -40,6 +41,10 @@ struct Image {
   std::string uri;
   std::string mime_type;
 };
+
+/// The names that are taken, each with the number from which to look for a free "NAME_2", "NAME_3" ... In lower case,
+/// for file systems that ignore case.
+using TakenNames = std::map<std::string, uint64_t>;
 
 struct Buffer {
   std::string file_name;
@@ -109,8 +114,8 @@ struct GltfWriter::State {
   PartFile binary;                     // the current buffer
   std::vector<PartFile> buffer_files;  // earlier ones
   std::vector<PartFile> image_files;
-  std::set<std::string> image_names;   // in lower case, for file systems that ignore case
-  std::set<std::string> buffer_names;  // likewise
+  TakenNames image_names;
+  TakenNames buffer_names;
   format::Existing existing = format::Existing::kReplace;
   const std::atomic<bool>* stop = nullptr;
   std::vector<Buffer> buffers;  // earlier ones
@@ -138,8 +143,8 @@ struct GltfWriter::State {
   std::string stem() const { return path.stem().string(); }
   std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
   /// "city_NAME.jpg", made unique among `taken`, to which it is added. `safe`: NAME.
-  std::string file_name(const std::string& safe, const std::string& extension, std::set<std::string>& taken) const;
-  std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const {
+  std::string file_name(const std::string& safe, const std::string& extension, TakenNames& taken) const;
+  std::string image_file_name(std::string_view name, format::ImageCodec codec, TakenNames& taken) const {
     return file_name(safe_name(name, codec == format::ImageCodec::kBlocks), file_extension(codec), taken);
   }
   Result<void> check_stop() const {
@@ -332,10 +337,13 @@ uint32_t GltfWriter::add_texture(GltfTexture texture) {
 }
 
 std::string GltfWriter::State::file_name(const std::string& safe, const std::string& extension,
-                                         std::set<std::string>& taken) const {
+                                         TakenNames& taken) const {
+  const auto [name, is_free] = taken.try_emplace(format::lower_case(safe) + extension, 2);
   std::string unique = safe;
-  for (uint64_t k = 2; !taken.insert(format::lower_case(unique) + extension).second; ++k)
-    unique = safe + "_" + std::to_string(k);
+  for (bool is_unique = is_free; !is_unique;) {
+    unique = safe + "_" + std::to_string(name->second++);
+    is_unique = taken.try_emplace(format::lower_case(unique) + extension, 2).second;
+  }
   return stem() + "_" + unique + extension;
 }
 
@@ -351,7 +359,7 @@ Result<void> GltfWriter::check_files(std::span<const PlannedImage> planned, cons
   SCREE_TRY(check_source(state_->path.string()));
   if (state_->glb) return {};
   SCREE_TRY(check_source(state_->sibling(state_->buffer_file)));
-  std::set<std::string> taken = state_->image_names;
+  TakenNames taken = state_->image_names;
   for (const PlannedImage& image : planned) {
     const std::string file = state_->sibling(state_->image_file_name(image.name, image.codec, taken));
     SCREE_TRY(check_source(file));
