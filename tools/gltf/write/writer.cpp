@@ -132,6 +132,7 @@ struct GltfWriter::State {
   std::vector<GltfMesh> meshes;
   std::deque<GltfNode> nodes;  // stable references; no doubling of memory with millions of nodes
   std::vector<GltfCamera> cameras;
+  std::vector<GltfLight> lights;
   std::vector<GltfMaterial> materials;
   std::vector<GltfTexture> textures;
   std::vector<Image> images;
@@ -326,6 +327,11 @@ uint32_t GltfWriter::add_camera(GltfCamera camera) {
   return add(state_->cameras, std::move(camera));
 }
 
+uint32_t GltfWriter::add_light(GltfLight light) {
+  use_extension(kLights, false);
+  return add(state_->lights, std::move(light));
+}
+
 uint32_t GltfWriter::add_material(GltfMaterial material) {
   if (has_transform(material)) use_extension("KHR_texture_transform", false);
   for (const char* const name : material_extensions(material)) use_extension(name, false);
@@ -483,6 +489,16 @@ Result<uint64_t> GltfWriter::State::write_document() {
   SCREE_TRY(text.section("scenes", state.scenes, write_scene));
   SCREE_TRY(text.section("nodes", state.nodes, write_node));
   SCREE_TRY(text.section("cameras", state.cameras, write_camera));
+  if (!state.lights.empty()) {
+    json.line();
+    json.key("extensions");
+    json.begin_object();
+    json.key(kLights);
+    json.begin_object();
+    SCREE_TRY(text.section("lights", state.lights, write_light));
+    json.end_object();
+    json.end_object();
+  }
   SCREE_TRY(text.section("meshes", state.meshes, write_mesh));
   SCREE_TRY(text.section("materials", state.materials, write_material));
   SCREE_TRY(text.section("textures", state.textures, write_texture));
