@@ -92,9 +92,8 @@ class Importer {
   Importer(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
            const ImportOptions& options, SourceScene& scene)
       : document_(document),
-        buffers_(document, std::move(folder), std::move(chunks), options.kept_view_bytes, options.allow_outside),
+        buffers_(document, std::move(folder), std::move(chunks), options),
         keep_going_(options.keep_going),
-        memory_(options.memory),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -330,7 +329,7 @@ class Importer {
     for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
     if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
       return fail(ErrorCode::kRange, kDracoName, ": ", packed.triangles, " triangles");
-    auto source = SCREE_TRY(buffers_.draco(stated.view, packed, memory_));
+    auto source = SCREE_TRY(buffers_.draco(stated.view, packed));
     for (size_t i = 0; i < empty.size(); ++i) {
       Accessor& accessor = *empty[i].second;
       accessor.source = source;
@@ -441,7 +440,6 @@ class Importer {
   const GltfDocument& document_;
   GltfBuffers buffers_;
   bool keep_going_;
-  uint64_t memory_;
   SourceScene& scene_;
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;

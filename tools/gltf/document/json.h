@@ -39,6 +39,9 @@ struct JsonMember {
 /// deeper than kMaxJsonDepth, a repeated member, text after the end. Each error names its byte.
 Result<std::vector<JsonMember>> split_document(std::span<char> text);
 
+/// Splits an object within a document that split_document() has split. Errors as there.
+Result<std::vector<JsonMember>> split_object(std::span<const char> text, JsonRange object);
+
 /// Yields whole elements of a JSON array, a batch at a time.
 class JsonElements {
  public:
