@@ -55,6 +55,16 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
   }
 }
 
+TEST_CASE("a signal stops synth while it makes textures", "[stop]") {
+  for (const char* const scene : {"slope", "forest", "panes-textured"}) {
+    const TempFolder folder, outside;
+    const auto has_part = [&] { return has_entry(folder, "stones."); };
+    CHECK(stop({"synth", scene, "--texture-size", "8192", "--threads", "1", "-o", folder.file("stones.glb")},
+               outside.file("log"), SIGINT, has_part) == "scree synth: stopped; nothing written\n");
+    CHECK(folder.names().empty());
+  }
+}
+
 TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
   const TempFolder folder, outside;
   const std::string log = outside.file("log");
