@@ -21,10 +21,12 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
   /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
-  /// `options`: its kept_view_bytes are for MeshoptCache, which takes half of them if no primitive is compressed by
-  /// Draco.
+  /// `options` outlives this; its kept_view_bytes are for MeshoptCache, which takes half of them if no primitive is
+  /// compressed by Draco.
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               const ImportOptions& options);
+
+  Result<void> check_stop() const { return options_.check_stop(); }
 
   /// Memory of the compressed buffer views that were used.
   PackedViewMemory view_memory() const;
@@ -37,7 +39,7 @@ class GltfBuffers {
 
   /// A buffer view. Its buffer is at least as long as the document states. A compressed view is unpacked when its
   /// source is read. Errors kTruncated, kFile, kUnsupported, kFormat, and kUsage for a data: URI that exceeds the
-  /// memory.
+  /// memory. accessor() and image() also end with kFile if the import is stopped.
   Result<View> view(int32_t index);
 
   /// An accessor of scalars or vectors, with its sparse indices read and checked. Errors as view(), and kRange.
@@ -65,8 +67,7 @@ class GltfBuffers {
 
   const GltfDocument& document_;
   std::string folder_;
-  bool allow_outside_;
-  uint64_t memory_;
+  const ImportOptions& options_;
   std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;

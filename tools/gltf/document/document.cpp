@@ -103,31 +103,33 @@ Result<void> check_room(const GltfDocument& document, uint64_t bytes, uint64_t m
   return needed <= memory ? Result<void>() : document_too_large(memory, document.text.size(), "about", needed);
 }
 
-/// Checks the memory of the process while it reads the document. Records take more than three times as much per byte of
-/// text in one document as in another, so the memory is measured, not predicted.
-class MemoryLimit {
+/// Ends the reading of the document if the process takes too much memory, or if the import is stopped. Records take
+/// more than three times as much per byte of text in one document as in another, so the memory is measured, not
+/// predicted.
+class ReadingLimits {
  public:
-  MemoryLimit(uint64_t memory, uint64_t text_bytes)
-      : memory_(memory),
+  ReadingLimits(const ImportOptions& options, uint64_t text_bytes)
+      : options_(options),
         text_bytes_(text_bytes),
         before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
 
   /// To be called after one more part of the text was read. The estimate in the error assumes that the rest takes as
   /// much per byte.
   Result<void> read(JsonRange range) {
+    SCREE_TRY(options_.check_stop());
     read_ += range.end - range.begin;
     if (read_ < next_) return {};
     next_ = read_ + kLargeDocument;
     const uint64_t now = tools::memory_use().anonymous;
-    if (now <= memory_) return {};
+    if (now <= options_.memory) return {};
     const double share = static_cast<double>(read_) / static_cast<double>(text_bytes_);
     const double in_the_end = static_cast<double>(before_) + static_cast<double>(now - std::min(now, before_)) / share;
-    return document_too_large(memory_, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
+    return document_too_large(options_.memory, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
   }
-  uint64_t memory() const { return memory_; }
+  uint64_t memory() const { return options_.memory; }
 
  private:
-  uint64_t memory_;
+  const ImportOptions& options_;
   uint64_t text_bytes_;
   uint64_t before_;  // memory of the process before reading, with the text
   uint64_t read_ = 0;
@@ -170,7 +172,7 @@ Result<ParsedBatch> parse_batch(std::span<const char> text, const std::string& s
 
 /// Reads the elements of a top-level array through tinygltf, a batch per thread at a time.
 Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, uint32_t threads,
-                          MemoryLimit& limit) {
+                          ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   for (bool is_more = true; is_more;) {
@@ -189,7 +191,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
       if (!*parsed[i]) return parsed[i]->error();
       (*parsed[i])->add_to(document);
       parsed[i].reset();
-      SCREE_TRY(limit.read(batches[i].elements));
+      SCREE_TRY(limits.read(batches[i].elements));
     }
     if (!split) return split;
   }
@@ -198,14 +200,14 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
 
 // Buffers and images are hidden from tinygltf, which would read their files. They are read one at a time, because a
 // data: URI can be large.
-Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array, MemoryLimit& limit) {
+Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array, ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
     auto batch = SCREE_TRY(elements.next(1));
     if (batch.count == 0) return {};
     const std::string_view element(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
-    SCREE_TRY(check_room(document, element.size(), limit.memory()));
+    SCREE_TRY(check_room(document, element.size(), limits.memory()));
     SCREE_TRY(check_schema(section, "{\"" + section + "\":[" + std::string(element) + "]}", batch.first,
                            batch.elements.begin));
     const auto json = nlohmann::json::parse(element.begin(), element.end(), nullptr, false);
@@ -233,7 +235,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
             extensions->contains("EXT_meshopt_compression") || extensions->contains("KHR_meshopt_compression");
       document.buffers.push_back(std::move(buffer));
     }
-    SCREE_TRY(limit.read(batch.elements));
+    SCREE_TRY(limits.read(batch.elements));
   }
 }
 
@@ -256,11 +258,11 @@ DocLight read_light(const nlohmann::json& source) {
 }
 
 /// Reads the lights of KHR_lights_punctual in the document's own "extensions".
-Result<void> read_lights(GltfDocument& document, JsonRange range, MemoryLimit& limit) {
+Result<void> read_lights(GltfDocument& document, JsonRange range, ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   const std::string_view value(text.data() + range.begin, static_cast<size_t>(range.end - range.begin));
   if (value.find("KHR_lights_punctual") == std::string_view::npos) return check_json(value, range.begin);
-  SCREE_TRY(check_room(document, value.size(), limit.memory()));
+  SCREE_TRY(check_room(document, value.size(), limits.memory()));
   SCREE_TRY(check_schema("extensions", "{\"extensions\":" + std::string(value) + "}", 0, range.begin));
   for (const char* const key : {"KHR_lights_punctual", "lights"}) {
     const auto members = SCREE_TRY(split_object(text, range));
@@ -276,7 +278,7 @@ Result<void> read_lights(GltfDocument& document, JsonRange range, MemoryLimit& l
     const std::string_view lights(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
     for (const nlohmann::json& source : nlohmann::json::parse("[" + std::string(lights) + "]", nullptr, false))
       document.lights.push_back(read_light(source));
-    SCREE_TRY(limit.read(batch.elements));
+    SCREE_TRY(limits.read(batch.elements));
   }
 }
 
@@ -321,7 +323,7 @@ Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estim
                                  std::to_string(needed_bytes >> 20) + " MiB"};
 }
 
-Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint32_t threads) {
+Result<GltfDocument> read_document(std::vector<char> json, const ImportOptions& options) {
   GltfDocument document{.text = std::move(json)};
   const std::span<char> text = document.text;
   auto members = SCREE_TRY(split_document(text));
@@ -336,8 +338,9 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
       "extensionsUsed", "extensionsRequired", "bufferViews", "accessors", "meshes", "nodes",      "scenes",
       "materials",      "textures",           "samplers",    "cameras",   "skins",  "animations", "buffers",
       "images"};
-  MemoryLimit limit(memory, text.size());
-  threads = static_cast<uint32_t>(std::clamp<uint64_t>(memory / kMemoryPerThread, 1, std::min(threads, kMostThreads)));
+  ReadingLimits limits(options, text.size());
+  const auto threads = static_cast<uint32_t>(
+      std::clamp<uint64_t>(options.memory / kMemoryPerThread, 1, std::min(options.threads, kMostThreads)));
   for (const JsonMember& member : members) {
     const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
     if (member.key == "asset") continue;
@@ -345,15 +348,15 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
     if (member.key == "scene") {
       read = read_default_scene(document, value, member.value.begin);
     } else if (member.key == "extensions" && value.front() == '{') {
-      read = read_lights(document, member.value, limit);
+      read = read_lights(document, member.value, limits);
     } else if (std::find(std::begin(kRead), std::end(kRead), member.key) == std::end(kRead) || value == "null") {
       read = check_json(value, member.value.begin);
     } else if (value.front() != '[') {
       read = Error{ErrorCode::kFormat, member.key + " is not an array"};
     } else if (member.key == "buffers" || member.key == "images") {
-      read = read_uris(document, member.key, member.value, limit);
+      read = read_uris(document, member.key, member.value, limits);
     } else {
-      read = read_section(document, member.key, member.value, threads, limit);
+      read = read_section(document, member.key, member.value, threads, limits);
     }
     if (!read) return read.error();
   }

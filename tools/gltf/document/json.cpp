@@ -155,9 +155,15 @@ Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
 
 }  // namespace
 
-Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) try {
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes,
+                                         const ImportOptions& options) try {
+  constexpr uint64_t kReadBytes = 16 << 20;
   std::vector<char> text(bytes);
-  SCREE_TRY(source.read(offset, std::as_writable_bytes(std::span(text))));
+  for (uint64_t done = 0; done < bytes; done += kReadBytes) {
+    SCREE_TRY(options.check_stop());
+    const auto part = std::span(text).subspan(done, std::min(kReadBytes, bytes - done));
+    SCREE_TRY(source.read(offset + done, std::as_writable_bytes(part)));
+  }
   return text;
 } catch (const std::bad_alloc&) {
   return fail(ErrorCode::kMemory, "no memory for ", bytes, " bytes of JSON");

@@ -93,6 +93,18 @@ TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
   CHECK(folder.names().empty());
 }
 
+TEST_CASE("a signal stops convert while it reads the document", "[stop]") {
+  const TempFolder folder, outside;
+  std::string buffers = R"({"byteLength":1})";
+  for (uint32_t i = 0; i < 1'500'000; ++i) buffers += R"(,{"byteLength":1})";  // half a minute with sanitizers
+  const std::string model = outside.write("buffers.gltf", R"({"asset":{"version":"2.0"},"buffers":[)" + buffers + "]}");
+  const auto start = Clock::now();
+  const auto is_reading = [&] { return Clock::now() - start > std::chrono::milliseconds(500); };
+  CHECK(stop({"convert", model, "-o", folder.file("buffers.scree"), "--quiet"}, outside.file("log"), SIGINT,
+             is_reading) == "scree convert: stopped; nothing written\n");
+  CHECK(folder.names().empty());
+}
+
 TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
   const TempFolder folder, outside;
   const std::string log = outside.file("log"), model = outside.file("city.gltf");
