@@ -57,6 +57,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
   import_options.memory = options.memory;
   import_options.threads = report.threads_asked;
+  import_options.stop = options.stop;
   SourceScene scene = SCREE_TRY(import_gltf(options.input, import_options));
   report.warnings = scene.warnings;
   const std::set<std::string> files = source_files(options.input, scene);

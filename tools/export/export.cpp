@@ -298,6 +298,19 @@ Result<void> add_nodes(const format::Container& file, GltfWriter& writer, const 
   return {};
 }
 
+/// Adds the lights to their nodes. In glTF a node has one light; a further one gets a child of the node.
+void add_lights(const format::Container& file, GltfWriter& writer) {
+  const auto lights = file.lights();
+  for (uint64_t i = 0; i < lights.size(); ++i) {
+    const uint32_t light = writer.add_light({.name = std::string(file.string(lights[i].name)), .record = lights[i]});
+    if (GltfNode& node = writer.node(lights[i].node); node.light == kNone) {
+      node.light = light;
+    } else {
+      node.children.push_back(writer.add_node({.light = light}));
+    }
+  }
+}
+
 Result<void> add_scenes(const format::Container& file, GltfWriter& writer) {
   const auto scenes = file.scenes();
   const auto roots = file.scene_roots();
@@ -410,6 +423,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
   const std::vector<uint32_t> mesh_of_group = add_meshes(file, writer, materials, primitives);
   add_cameras(file, writer);
   SCREE_TRY(add_nodes(file, writer, mesh_of_group));
+  add_lights(file, writer);
   SCREE_TRY(add_scenes(file, writer));
 
   if (options.check_source) SCREE_TRY(options.check_source());

@@ -43,25 +43,25 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
 }  // namespace
 
 GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder,
-                         std::vector<std::shared_ptr<const ByteSource>> chunks, uint64_t kept_bytes, bool allow_outside)
+                         std::vector<std::shared_ptr<const ByteSource>> chunks, const ImportOptions& options)
     : document_(document),
       folder_(std::move(folder)),
-      allow_outside_(allow_outside),
+      options_(options),
       chunks_(std::move(chunks)),
       buffers_(document.buffers.size()),
       // Threads read a few windows of meshopt views at a time, but whole Draco primitives.
-      meshopt_(document.draco.empty() ? kept_bytes / 2 : kept_bytes),
+      meshopt_(document.draco.empty() ? options.kept_view_bytes / 2 : options.kept_view_bytes),
       unpacked_(document.meshopt.size()),
       sparse_checked_(document.sparse.size()) {}
 
 Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index) {
   const DocBuffer& buffer = document_.buffers[static_cast<size_t>(index)];
   if (buffer.is_data) {
-    auto bytes = SCREE_TRY(data_uri(document_, buffer.json));
+    auto bytes = SCREE_TRY(data_uri(document_, buffer.json, options_.memory));
     return memory_source(std::move(bytes));
   }
   if (!buffer.uri.empty()) {
-    auto path = SCREE_TRY(resolve_uri(folder_, buffer.uri, allow_outside_));
+    auto path = SCREE_TRY(resolve_uri(folder_, buffer.uri, options_.allow_outside));
     return open_file_source(path);
   }
   if (buffer.meshopt_fallback) {
@@ -127,15 +127,14 @@ void GltfBuffers::count(const PackedViewMemory& memory) {
   view_memory_.kept_bytes += memory.kept_bytes;
 }
 
-Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, const DracoPrimitive& primitive,
-                                                             uint64_t memory) {
+Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, const DracoPrimitive& primitive) {
   const auto [first, last] = draco_.equal_range(index);
   for (auto known = first; known != last; ++known)
     if (known->second.first == primitive) return known->second.second;
   auto stream = SCREE_TRY(view(index));
   const PackedViewMemory taken = draco_memory(primitive, stream.bytes);
-  if (taken.reader_bytes > memory)
-    return fail(ErrorCode::kUsage, "--memory: ", tools::format_bytes(memory), ", but unpacking its ",
+  if (taken.reader_bytes > options_.memory)
+    return fail(ErrorCode::kUsage, "--memory: ", tools::format_bytes(options_.memory), ", but unpacking its ",
                 primitive.triangles, " triangles (Draco) takes ", (taken.reader_bytes >> 20) + 1, " MiB");
   auto made = draco_source(primitive, stream.source, stream.offset, stream.bytes, meshopt_.kept());
   count(taken);
@@ -144,6 +143,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, cons
 }
 
 Result<Accessor> GltfBuffers::accessor(int32_t index) {
+  SCREE_TRY(check_stop());
   const DocAccessor& stated = document_.accessors[static_cast<size_t>(index)];
   const std::string place = "accessor " + std::to_string(index);
   if (stated.components == 0 || stated.components > 4)
@@ -191,15 +191,16 @@ Result<void> GltfBuffers::read_sparse(size_t slot, Accessor& accessor) {
 }
 
 Result<GltfBuffers::View> GltfBuffers::image(const DocImage& image) {
+  SCREE_TRY(check_stop());
   if (image.view != kAbsent) return view(image.view);
   if (image.is_data) {
-    auto bytes = SCREE_TRY(data_uri(document_, image.json));
+    auto bytes = SCREE_TRY(data_uri(document_, image.json, options_.memory));
     auto source = memory_source(std::move(bytes));
     const uint64_t size = source->size();
     return View{std::move(source), 0, size};
   }
   if (image.uri.empty()) return Error{ErrorCode::kFormat, "has neither uri nor bufferView"};
-  auto path = SCREE_TRY(resolve_uri(folder_, image.uri, allow_outside_));
+  auto path = SCREE_TRY(resolve_uri(folder_, image.uri, options_.allow_outside));
   auto source = SCREE_TRY(open_file_source(path));
   const uint64_t size = source->size();
   return View{std::move(source), 0, size};

@@ -21,10 +21,12 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
   /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
-  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive is compressed by
-  /// Draco. `allow_outside`: as for resolve_uri().
+  /// `options` outlives this; its kept_view_bytes are for MeshoptCache, which takes half of them if no primitive is
+  /// compressed by Draco.
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
-              uint64_t kept_bytes, bool allow_outside);
+              const ImportOptions& options);
+
+  Result<void> check_stop() const { return options_.check_stop(); }
 
   /// Memory of the compressed buffer views that were used.
   PackedViewMemory view_memory() const;
@@ -36,15 +38,16 @@ class GltfBuffers {
   };
 
   /// A buffer view. Its buffer is at least as long as the document states. A compressed view is unpacked when its
-  /// source is read. Errors kTruncated, kFile, kUnsupported, kFormat.
+  /// source is read. Errors kTruncated, kFile, kUnsupported, kFormat, and kUsage for a data: URI that exceeds the
+  /// memory. accessor() and image() also end with kFile if the import is stopped.
   Result<View> view(int32_t index);
 
   /// An accessor of scalars or vectors, with its sparse indices read and checked. Errors as view(), and kRange.
   Result<Accessor> accessor(int32_t index);
 
   /// A primitive of the Draco stream in a buffer view; equal primitives share one source. Errors as view(), and kUsage
-  /// if unpacking it takes more than `memory` bytes.
-  Result<std::shared_ptr<const ByteSource>> draco(int32_t view, const DracoPrimitive& primitive, uint64_t memory);
+  /// if unpacking it exceeds the memory.
+  Result<std::shared_ptr<const ByteSource>> draco(int32_t view, const DracoPrimitive& primitive);
 
   /// The bytes of an image: from its view, file or data: URI. Errors as view().
   Result<View> image(const DocImage& image);
@@ -64,7 +67,7 @@ class GltfBuffers {
 
   const GltfDocument& document_;
   std::string folder_;
-  bool allow_outside_;
+  const ImportOptions& options_;
   std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;

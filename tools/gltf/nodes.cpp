@@ -225,6 +225,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
   instances.count = *count;
   std::vector<format::NodeInstanceRecord> block(std::min(*count, kInstanceBlock));
   for (uint64_t done = 0; done < *count; done += block.size()) {
+    SCREE_TRY(buffers.check_stop());
     block.resize(std::min<uint64_t>(block.size(), *count - done));
     SCREE_TRY(read_instances(instances, done, block));
   }
@@ -233,7 +234,8 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
 
 }  // namespace
 
-Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exclude) {
+Result<NodePlan> plan_nodes(const GltfDocument& document, const ImportOptions& options) {
+  const std::string& exclude = options.exclude;
   const size_t count = document.nodes.size();
   SCREE_TRY(check_references(document));
   auto trees = SCREE_TRY(find_trees(document));
@@ -257,6 +259,7 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
     for (const uint32_t root : roots) {
       if (state[root] == kUnseen) stack.emplace_back(root, false);
       while (!stack.empty()) {
+        SCREE_TRY(options.check_stop());
         const auto [node, below] = stack.back();
         stack.pop_back();
         bool out = below;
@@ -340,6 +343,7 @@ Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const N
   nodes.reserve(plan.order.size());
   uint64_t instances_left = kMaxNodeInstances;
   for (const uint32_t number : plan.order) {
+    SCREE_TRY(buffers.check_stop());
     const DocNode& from = document.nodes[number];
     const std::string place = node_place(number);
     SourceNode node{.name = from.name};

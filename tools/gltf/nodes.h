@@ -23,10 +23,10 @@ struct NodePlan {
   bool implied_scene = false;  // the document has no scene; its root nodes make one
 };
 
-/// Checks the node trees and scenes. Picks the nodes that some scene draws and that `exclude` (a regular expression, or
-/// empty) does not match. Errors kUsage (the expression), kRange: a missing node, mesh, camera or skin, a node with two
-/// parents, a cycle, a scene root that has a parent.
-Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exclude);
+/// Checks the node trees and scenes. Picks the nodes that some scene draws and that `options.exclude` (a regular
+/// expression, or empty) does not match. Errors kUsage (the expression), kRange: a missing node, mesh, camera or skin, a
+/// node with two parents, a cycle, a scene root that has a parent; kFile: stopped.
+Result<NodePlan> plan_nodes(const GltfDocument& document, const ImportOptions& options);
 
 /// The kept nodes as SourceNodes. `group`: by document mesh, its index in SourceScene::groups or format::kNone. Reads
 /// the instances of EXT_mesh_gpu_instancing. Errors kRange (a transform that is not finite, unequal counts), kFormat,

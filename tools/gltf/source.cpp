@@ -92,9 +92,8 @@ class Importer {
   Importer(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
            const ImportOptions& options, SourceScene& scene)
       : document_(document),
-        buffers_(document, std::move(folder), std::move(chunks), options.kept_view_bytes, options.allow_outside),
+        buffers_(document, std::move(folder), std::move(chunks), options),
         keep_going_(options.keep_going),
-        memory_(options.memory),
         scene_(scene),
         left_out_(document, buffers_) {}
 
@@ -105,7 +104,7 @@ class Importer {
     for (const DocBuffer& buffer : document_.buffers)
       scene_.buffer_bytes = format::checked_add(scene_.buffer_bytes, buffer.bytes).value_or(scene_.buffer_bytes);
 
-    auto plan = SCREE_TRY(plan_nodes(document_, options.exclude));
+    auto plan = SCREE_TRY(plan_nodes(document_, options));
     if (plan.implied_scene) scene_.warnings.push_back("the document has no scene; its root nodes are taken as one");
     if (!options.exclude.empty() && plan.excluded == 0)
       scene_.warnings.push_back("--exclude \"" + options.exclude + "\" matches no node");
@@ -330,7 +329,7 @@ class Importer {
     for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
     if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
       return fail(ErrorCode::kRange, kDracoName, ": ", packed.triangles, " triangles");
-    auto source = SCREE_TRY(buffers_.draco(stated.view, packed, memory_));
+    auto source = SCREE_TRY(buffers_.draco(stated.view, packed));
     for (size_t i = 0; i < empty.size(); ++i) {
       Accessor& accessor = *empty[i].second;
       accessor.source = source;
@@ -441,7 +440,6 @@ class Importer {
   const GltfDocument& document_;
   GltfBuffers buffers_;
   bool keep_going_;
-  uint64_t memory_;
   SourceScene& scene_;
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
@@ -511,16 +509,17 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   const uint64_t least = layout.json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout.json_bytes;
   if (least > options.memory) return document_too_large(options.memory, layout.json_bytes, "more than", least);
   SCREE_TRY(trim_json(**file, layout));
-  auto text = SCREE_TRY(read_json_text(**file, layout.json_offset, layout.json_bytes));
+  auto text = SCREE_TRY(read_json_text(**file, layout.json_offset, layout.json_bytes, options));
 
   SourceScene scene{.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1),
                     .json_bytes = layout.json_bytes};
-  auto document = SCREE_TRY(read_document(std::move(text), options.memory, options.threads));
+  auto document = SCREE_TRY(read_document(std::move(text), options));
   std::vector<std::shared_ptr<const ByteSource>> chunks;
   for (const GlbChunk& chunk : layout.chunks)
     chunks.push_back(chunk.is_binary ? window_source(*file, chunk.offset, chunk.bytes) : nullptr);
   Importer importer(document, folder_of(path), std::move(chunks), options, scene);
   SCREE_TRY(importer.run(options));
+  SCREE_TRY(options.check_stop());  // with keep_going, an image that was not opened is a warning
   return scene;
 }
 

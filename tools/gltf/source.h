@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -280,6 +281,13 @@ struct ImportOptions {
   bool keep_going = false;       // a texture whose image file cannot be opened is left out, with a warning
   uint64_t memory = UINT64_MAX;  // the most bytes that the process may take while it reads the document
   uint32_t threads = 1;
+  const std::atomic<bool>* stop = nullptr;  // if set, the import ends with kFile "interrupted"
+
+  /// The import tests this between its steps.
+  Result<void> check_stop() const {
+    if (stop != nullptr && stop->load(std::memory_order_relaxed)) return Error{ErrorCode::kFile, "interrupted"};
+    return {};
+  }
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),

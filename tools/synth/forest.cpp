@@ -142,13 +142,16 @@ std::vector<Leaf> make_sprig(uint32_t atlas, uint32_t sprig) {
   return leaves;
 }
 
-/// RGBA. A leaf's edge is one texel wide, and transparent texels have a leaf's colour.
-std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads) {
+/// RGBA. A leaf's edge is one texel wide, and transparent texels have a leaf's colour. Error kFile "interrupted".
+Result<std::vector<uint8_t>> make_atlas(uint32_t atlas, const SynthOptions& options) {
+  const uint32_t size = *options.texture_size;
+  const auto is_stopped = [&] { return options.stop != nullptr && options.stop->load(std::memory_order_relaxed); };
   std::vector<std::vector<Leaf>> sprigs;
   for (uint32_t i = 0; i < kCells * kCells; ++i) sprigs.push_back(make_sprig(atlas, i));
   const uint32_t cell = size / kCells;
   std::vector<uint8_t> rgba(size_t{4} * size * size);
-  runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
+  runtime::parallel_for(size, thread_count(options.threads, size), [&](uint64_t y) {
+    if (is_stopped()) return;
     for (uint32_t x = 0; x < size; ++x) {
       const std::vector<Leaf>& leaves = sprigs[y / cell * kCells + x / cell];
       const double px = (x % cell + 0.5) / cell, py = (static_cast<double>(y % cell) + 0.5) / cell;
@@ -176,6 +179,7 @@ std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads)
       out[3] = static_cast<uint8_t>(255 * alpha + 0.5);
     }
   });
+  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
   return rgba;
 }
 
@@ -183,7 +187,7 @@ std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads)
 Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   for (uint32_t atlas = 0; atlas < 2; ++atlas) {
     const uint32_t size = *options.texture_size;
-    const std::vector<uint8_t> rgba = make_atlas(atlas, size, options.threads);
+    const std::vector<uint8_t> rgba = SCREE_TRY(make_atlas(atlas, options));
     const std::vector<std::byte> png = SCREE_TRY(runtime::encode_png({size, size, 4, rgba}, {.is_small = true}));
     GltfMaterial material{.name = atlas == 0 ? "leaves" : "blades"};
     const uint32_t image = SCREE_TRY(writer.add_image(material.name, format::ImageCodec::kPng, png));

@@ -46,10 +46,12 @@ Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase
 }
 
 /// Adds a texture with streaks in its alpha.
-Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
+Result<uint32_t> add_streaks(GltfWriter& writer, const SynthOptions& options) {
+  const uint32_t size = *options.texture_size;
   std::vector<uint8_t> rgba;
   rgba.reserve(uint64_t{4} * size * size);
   for (uint32_t y = 0; y < size; ++y) {
+    if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     for (uint32_t x = 0; x < size; ++x) {
       const double u = 2 * std::numbers::pi * x / size;
       const double v = 2 * std::numbers::pi * y / size;
@@ -71,7 +73,7 @@ Result<SynthReport> write_panes(const SynthOptions& options) {
   GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
   writer.stop_on(options.stop);
   uint32_t streaks = format::kNone;
-  if (is_textured) streaks = SCREE_TRY(add_streaks(writer, *options.texture_size));
+  if (is_textured) streaks = SCREE_TRY(add_streaks(writer, options));
   const auto panes = std::max(1u, static_cast<uint32_t>(std::lround(kMostPanes * options.scale)));
   std::vector<uint32_t> children;
   // The last one is the wall.

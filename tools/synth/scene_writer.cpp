@@ -308,7 +308,8 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
 
   uint32_t material = format::kNone;
   if (options.uvs) {
-    const uint32_t texture = SCREE_TRY(add_texture(writer, {"granite", TextureKind::kGranite, 512}, options.threads));
+    const uint32_t texture =
+        SCREE_TRY(add_texture(writer, {"granite", TextureKind::kGranite, 512}, options.threads, options.stop));
     GltfMaterial granite;
     granite.name = "granite";
     granite.texture = texture;

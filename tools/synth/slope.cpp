@@ -367,7 +367,8 @@ constexpr Look kLooks[] = {
 constexpr uint32_t kGroundLook = 6, kCliffLook = 7;
 constexpr uint32_t kRockLooks[kBoulderKinds + kStoneKinds] = {0, 2, 5, 4, 0, 1, 5, 4, 0, 3, 1, 2};
 
-Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
+Result<void> add_looks(GltfWriter& writer, const SynthOptions& options) {
+  const uint32_t size = *options.texture_size;
   const TextureRecipe recipes[] = {
       {"granite", TextureKind::kGranite, size, format::ImageCodec::kJpeg},
       {"sandstone", TextureKind::kSandstone, size, format::ImageCodec::kJpeg},
@@ -375,7 +376,8 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
       {"ground", TextureKind::kGround, size, format::ImageCodec::kJpeg},
   };
   std::vector<uint32_t> textures;
-  for (const TextureRecipe& recipe : recipes) textures.push_back(SCREE_TRY(add_texture(writer, recipe, threads)));
+  for (const TextureRecipe& recipe : recipes)
+    textures.push_back(SCREE_TRY(add_texture(writer, recipe, options.threads, options.stop)));
   for (const Look& look : kLooks) {
     GltfMaterial material{.name = look.name, .texture = textures[look.texture]};
     std::copy(look.tint.begin(), look.tint.end(), material.base_color);
@@ -389,7 +391,7 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
 Result<SynthReport> write_slope(const SynthOptions& options) {
   GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
   writer.stop_on(options.stop);
-  SCREE_TRY(add_looks(writer, *options.texture_size, options.threads));
+  SCREE_TRY(add_looks(writer, options));
 
   const uint32_t count = std::max(16u, static_cast<uint32_t>(std::lround(kStones * options.scale)));
   const std::vector<Stone> stones = scatter(count, options.seed);

@@ -96,7 +96,7 @@ Result<TexturedReport> write_textured(const TexturedOptions& options) try {
   std::vector<std::vector<uint8_t>> stones;
   for (const TextureKind kind :
        {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround})
-    stones.push_back(make_texture(kind, options.stone, options.threads));
+    stones.push_back(SCREE_TRY(make_texture(kind, options.stone, options.threads)));
   std::vector<Result<std::vector<std::byte>>> files(options.meshes, std::vector<std::byte>());
   runtime::parallel_for(files.size(), threads,
                         [&](uint64_t i) { files[i] = make_jpeg(static_cast<uint32_t>(i), options, stones); });

@@ -190,9 +190,12 @@ Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t s
 
 }  // namespace
 
-std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads) {
+Result<std::vector<uint8_t>> make_texture(TextureKind kind, uint32_t size, uint32_t threads,
+                                          const std::atomic<bool>* stop) {
   std::vector<uint8_t> rgb(uint64_t{size} * size * 3);
+  const auto is_stopped = [&] { return stop != nullptr && stop->load(std::memory_order_relaxed); };
   runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
+    if (is_stopped()) return;
     for (uint64_t x = 0; x < size; ++x) {
       const Color color = texel(kind, (static_cast<double>(x) + 0.5) / size, (static_cast<double>(y) + 0.5) / size);
       uint8_t* out = &rgb[(y * size + x) * 3];
@@ -201,13 +204,15 @@ std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t thre
       out[2] = to_byte(color.b);
     }
   });
+  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
   return rgb;
 }
 
-Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads) {
+Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads,
+                             const std::atomic<bool>* stop) {
+  const std::vector<uint8_t> rgb = SCREE_TRY(make_texture(recipe.kind, recipe.size, threads, stop));
   const std::vector<std::byte> file =
-      SCREE_TRY_AT("texture " + recipe.name,
-                   encode_image(recipe.codec, recipe.size, make_texture(recipe.kind, recipe.size, threads)));
+      SCREE_TRY_AT("texture " + recipe.name, encode_image(recipe.codec, recipe.size, rgb));
   const uint32_t image = SCREE_TRY(writer.add_image(recipe.name, recipe.codec, file));
   return writer.add_texture(trilinear(image, recipe.name));
 }

@@ -1,6 +1,7 @@
 // Procedural stone textures: tileable, and the same bytes for the same size and any number of threads.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -16,7 +17,9 @@ enum class TextureKind : uint8_t { kGranite, kSandstone, kSlate, kGround };
 
 /// `size` x `size` sRGB pixels, 3 bytes each, rows top to bottom; `size` is a power of two, at least 32. The texture
 /// continues seamlessly across its borders. Source of the colours: invented, after photographs of Alpine scree.
-std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads);
+/// Error kFile "interrupted" once `stop` is raised; null: never.
+Result<std::vector<uint8_t>> make_texture(TextureKind kind, uint32_t size, uint32_t threads,
+                                          const std::atomic<bool>* stop = nullptr);
 
 /// A texture to make, and its name in the document.
 struct TextureRecipe {
@@ -26,7 +29,8 @@ struct TextureRecipe {
   format::ImageCodec codec = format::ImageCodec::kJpeg;
 };
 
-/// Makes the texture, stores it and returns its index in the document (repeating, trilinear).
-Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads);
+/// Makes the texture, stores it and returns its index in the document (repeating, trilinear). `stop`: as above.
+Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads,
+                             const std::atomic<bool>* stop);
 
 }  // namespace scree::synth

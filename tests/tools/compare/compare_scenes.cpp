@@ -48,6 +48,7 @@ class SceneComparison {
     compare_meshes();
     compare_nodes();
     compare_cameras();
+    compare_lights();
     compare_scene_roots();
     return std::move(lines_);
   }
@@ -403,6 +404,23 @@ class SceneComparison {
       close(place + ": y", was.record.y, is.record.y, 0);
       close(place + ": near", was.record.z_near, is.record.z_near, 0);
       close(place + ": far", was.record.z_far, is.record.z_far, 0);
+    }
+  }
+
+  void compare_lights() {
+    if (!same_number("lights", source_.lights.size(), back_.lights.size())) return;
+    for (size_t i = 0; i < source_.lights.size(); ++i) {
+      const format::LightRecord& was = source_.lights[i].record;
+      const format::LightRecord& is = back_.lights[i].record;
+      const std::string place = "light " + std::to_string(i);
+      same(place + ": name", source_.lights[i].name, back_.lights[i].name);
+      same_number(place + ": node", was.node, is.node);
+      same_number(place + ": kind", static_cast<uint64_t>(was.kind), static_cast<uint64_t>(is.kind));
+      for (size_t c = 0; c < 3; ++c) same(place + ": colour", was.color[c], is.color[c]);
+      same(place + ": intensity", was.intensity, is.intensity);
+      same(place + ": range", was.range, is.range);
+      same(place + ": inner cone", was.inner_cone, is.inner_cone);
+      same(place + ": outer cone", was.outer_cone, is.outer_cone);
     }
   }
 

@@ -13,6 +13,7 @@
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/convert.h"
+#include "tools/convert/images/images.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -101,7 +102,8 @@ TEST_CASE("a full disk or an interruption leaves nothing behind", "[convert]") {
   SECTION("interruption") {
     const std::atomic<bool> stop{true};
     options.stop = &stop;
-    CHECK(refusal(convert::convert(options)).message.find("interrupted") != std::string::npos);
+    CHECK(refusal(convert::convert(options)).message == options.input + ": interrupted");  // by the import
+    check_refusal(convert::largest_image_bytes({}, {}, 1, &stop), ErrorCode::kFile, "interrupted");
   }
   CHECK(folder.names() == std::vector<std::string>{"in.glb"});
 }

@@ -156,6 +156,25 @@ std::string check_kept_within(const TempFolder& folder, const std::string& input
   return said;
 }
 
+/// Converts scene.gltf, whose document must be refused because of --memory, within a limit of the program's data.
+/// Returns the stated need in MiB.
+uint64_t refused_document(const TempFolder& folder, const std::string& memory, uint64_t data_mib) {
+  const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data_mib << 10) +
+                              " && '" + tests::kProgram + "' convert scene.gltf --threads 1 --memory " + memory +
+                              " >log 2>&1";
+  const int status = std::system(command.c_str());
+  REQUIRE(WIFEXITED(status));
+  const std::string said = tests::read_whole(folder.file("log"));
+  INFO(memory << ": " << said);
+  CHECK(WEXITSTATUS(status) == 1);
+  CHECK(std::count(said.begin(), said.end(), '\n') == 1);
+  CHECK(said.starts_with("scree convert: scene.gltf: --memory: " + memory.substr(0, memory.size() - 3)));
+  const size_t at = said.find(" of JSON needs ");
+  REQUIRE(at != std::string::npos);
+  CHECK(folder.names() == std::vector<std::string>{"log", "scene.gltf"});
+  return std::stoull(said.substr(said.find_first_of("0123456789", at)));
+}
+
 }  // namespace
 
 TEST_CASE("convert keeps within its memory with pictures of 16384 x 16384", "[convert][memory]") {
@@ -223,26 +242,10 @@ TEST_CASE("convert refuses a document that exceeds --memory while reading it", "
   }
   const uint64_t bytes = std::filesystem::file_size(folder.file("scene.gltf"));
   REQUIRE(bytes > uint64_t{45} << 20);
-  const auto convert = [&](const std::string& memory, uint64_t data_mib) {
-    const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data_mib << 10) +
-                                " && '" + tests::kProgram + "' convert scene.gltf --threads 1 --memory " + memory +
-                                " >log 2>&1";
-    const int status = std::system(command.c_str());
-    REQUIRE(WIFEXITED(status));
-    const std::string said = tests::read_whole(folder.file("log"));
-    INFO(memory << ": " << said);
-    CHECK(WEXITSTATUS(status) == 1);
-    CHECK(std::count(said.begin(), said.end(), '\n') == 1);
-    CHECK(said.starts_with("scree convert: scene.gltf: --memory: " + memory.substr(0, memory.size() - 3)));
-    const size_t at = said.find(" of JSON needs ");
-    REQUIRE(at != std::string::npos);
-    CHECK(folder.names() == std::vector<std::string>{"log", "scene.gltf"});
-    return std::stoull(said.substr(said.find_first_of("0123456789", at)));
-  };
   // The text alone exceeds this memory, and so does its parsed form. The data limit has room neither for all of it nor
   // for half more than the allowed memory.
-  CHECK(convert("32.0MiB", 64) >= bytes >> 20);
-  const uint64_t needed = convert("96.0MiB", 240);
+  CHECK(refused_document(folder, "32.0MiB", 64) >= bytes >> 20);
+  const uint64_t needed = refused_document(folder, "96.0MiB", 240);
   CHECK(needed > 200);
   // The reported memory must equal the used memory.
   const tests::ProgramRun whole =
@@ -251,6 +254,25 @@ TEST_CASE("convert refuses a document that exceeds --memory while reading it", "
   CAPTURE(needed, peak);
   CHECK(needed <= peak + peak / 4);
   CHECK(needed >= peak - peak / 4);
+}
+
+TEST_CASE("convert checks --memory while it reads buffers, lights and data: URIs", "[convert][memory]") {
+  const TempFolder folder;
+  const auto list = [](const std::string& element, uint32_t count) {
+    std::string elements = element;
+    for (uint32_t i = 1; i < count; ++i) elements += "," + element;
+    return elements;
+  };
+  const auto refused = [&](const std::string& members) {
+    folder.write("scene.gltf", R"({"asset":{"version":"2.0"},)" + members + "}");
+    return refused_document(folder, "140.0MiB", 400);
+  };
+  // Records of 64 and 120 bytes, whose vectors double while they grow.
+  CHECK(refused(R"("buffers":[)" + list(R"({"byteLength":1})", 2'500'000) + "]") > 160);
+  CHECK(refused(R"("extensions":{"KHR_lights_punctual":{"lights":[)" + list(R"({"type":"point"})", 1'300'000) + "]}}") >
+        150);
+  // Parsing copies the digits several times.
+  CHECK(refused(R"("buffers":[{"byteLength":1,"uri":"data:;base64,)" + std::string(32 << 20, 'A') + R"("}])") > 140);
 }
 
 TEST_CASE("convert keeps within --memory with any number of threads", "[convert][memory]") {

@@ -2,9 +2,11 @@
 #include <atomic>
 #include <cstring>
 #include <filesystem>
+#include <numbers>
 #include <string>
 #include <vector>
 
+#include "tests/format/container/container_fixture.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/sanitized.h"
@@ -102,6 +104,20 @@ void round_trip_all(const std::vector<fs::path>& sources, double share) {
   CHECK(run.output.find(std::to_string(converted) + " passed, 0 failed") != std::string::npos);
 }
 
+/// A triangle at node 0. `lights`: of KHR_lights_punctual; `nodes`: further nodes, each after a comma.
+std::string lit_document(const std::string& lights, const std::string& nodes) {
+  std::string roots = "0";
+  for (size_t at = nodes.find("\"light\""), i = 1; at != std::string::npos; at = nodes.find("\"light\"", at + 1))
+    roots += "," + std::to_string(i++);
+  return R"({"asset": {"version": "2.0"}, "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing"],
+    "extensions": {"KHR_lights_punctual": {"lights": [)" +
+         lights + R"(]}}, "scenes": [{"nodes": [)" + roots + R"(]}], "scene": 0, "nodes": [{"mesh": 0})" + nodes + R"(],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "accessors": [{"bufferView": 0,
+    "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36,
+    "uri": "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})";
+}
+
 fs::path small_model() {
   return tests::data_path("textured_cube.glb");
 }
@@ -151,6 +167,66 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
   CHECK(back.materials[1].record.texture == format::kNone);
   CHECK(back.materials[1].record.base_color[0] == 1.0f);
   CHECK(back.materials[1].record.base_color[1] == 0.5f);
+  const tests::ValidatorRun run = tests::run_validator(exports.path());
+  if (!tests::validator_result_is_there(run)) return;
+  INFO(run.output);
+  CHECK(run.exit_code == 0);
+}
+
+TEST_CASE("export: lights are exported unchanged", "[export]") {
+  const tests::TempFolder folder, exports;
+  const std::string source = folder.write(
+      "a.gltf",
+      lit_document(
+          R"({"type": "directional", "name": "sun", "color": [1, 0.95, 0.1], "intensity": 3.3}, {"type": "point",
+             "range": 7.1, "intensity": 0}, {"type": "spot"}, {"type": "spot", "name": "wide", "color": [0, 0, 0],
+             "spot": {"innerConeAngle": 0.3, "outerConeAngle": 1.5707963267948966}})",
+          R"(,{"name": "two", "extensions": {"KHR_lights_punctual": {"light": 3}}},
+             {"rotation": [0.6, 0, 0, 0.8], "extensions": {"KHR_lights_punctual": {"light": 0}}},
+             {"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}},
+                                        "KHR_lights_punctual": {"light": 1}}},
+             {"extensions": {"KHR_lights_punctual": {"light": 3}}},
+             {"matrix": [2,0,0,0, 0,2,0,0, 0,0,2,0, 5,6,7,1], "extensions": {"KHR_lights_punctual": {"light": 2}}})"));
+  CHECK(round_trip(source, 0, exports.file("a.glb"), folder));
+  const auto back = must(convert::import_gltf(exports.file("a.glb"), {}));
+  REQUIRE(back.lights.size() == 5);  // one per node
+  CHECK(back.lights[1].name == "sun");
+  CHECK(back.lights[1].record.node == 2);
+  CHECK(back.lights[1].record.color[1] == 0.95f);
+  CHECK(back.lights[2].record.kind == format::LightKind::kPoint);
+  CHECK(back.lights[2].record.range == 7.1f);
+  CHECK(back.lights[3].record.outer_cone == static_cast<float>(std::numbers::pi / 2));
+  CHECK(back.lights[4].record.kind == format::LightKind::kSpot);
+  CHECK(back.lights[4].record.outer_cone == static_cast<float>(std::numbers::pi / 4));
+  const tests::ValidatorRun run = tests::run_validator(exports.path());
+  if (!tests::validator_result_is_there(run)) return;
+  INFO(run.output);
+  CHECK(run.exit_code == 0);
+}
+
+TEST_CASE("export: lights that glTF cannot store as they are become equal ones", "[export]") {
+  const tests::TempFolder folder, exports;
+  const std::string source = folder.write(
+      "a.gltf", lit_document(R"({"type": "point", "color": [4, 1, 0], "intensity": 3}, {"type": "directional"})",
+                             R"(,{"extensions": {"KHR_lights_punctual": {"light": 0}}},
+                                {"extensions": {"KHR_lights_punctual": {"light": 1}}})"));
+  {
+    const auto packed = must(tests::pack(source, folder.file("a.scree")));
+    REQUIRE(packed.file.lights().size() == 2);
+  }
+  // Both lights at one node, which no conversion makes.
+  const tests::Bytes both =
+      tests::patched<format::LightRecord>(tests::read_bytes(folder.file("a.scree")), format::TableKind::kLights, 1,
+                                          [](format::LightRecord& light) { light.node = 1; });
+  REQUIRE(tools::export_gltf(must(format::Container::open(both)), exports.file("a.gltf"), {}));
+  const auto back = must(convert::import_gltf(exports.file("a.gltf"), {}));
+  REQUIRE(back.lights.size() == 2);
+  CHECK(back.lights[0].record.node == 1);
+  CHECK(back.lights[0].record.color[0] == 1);  // the most in a document
+  CHECK(back.lights[0].record.color[1] == 0.25f);
+  CHECK(back.lights[0].record.intensity == 12);
+  CHECK(back.lights[1].record.kind == format::LightKind::kDirectional);
+  CHECK(back.nodes.at(back.lights[1].record.node).parent == 1);
   const tests::ValidatorRun run = tests::run_validator(exports.path());
   if (!tests::validator_result_is_there(run)) return;
   INFO(run.output);

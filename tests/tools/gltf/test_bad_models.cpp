@@ -1,5 +1,6 @@
 // Hostile and broken documents. Each gives a clear error or a clean import, and never crashes under ASan and UBSan.
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <filesystem>
 #include <map>
@@ -11,7 +12,10 @@
 #include "tests/results.h"
 #include "tests/tools/gltf/read_all.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/gltf/buffers.h"
+#include "tools/gltf/document/document.h"
 #include "tools/gltf/draco/source.h"
+#include "tools/gltf/nodes.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
@@ -390,6 +394,31 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
     CHECK(message(both, 1).find("node " + last) == std::string::npos);
     CHECK(message(both, 8) == message(both, 1));
   }
+}
+
+TEST_CASE("the flag to stop ends each step of an import", "[import]") {
+  const std::atomic<bool> stop{true};
+  ImportOptions stopped;
+  stopped.stop = &stop;
+  const auto read = [](const std::string& members, const ImportOptions& options) {
+    const std::string text = R"({"asset":{"version":"2.0"},)" + members + "}";
+    return read_document({text.begin(), text.end()}, options);
+  };
+  for (const char* const members : {R"("buffers":[{"byteLength":1}])", R"("images":[{}])", R"("nodes":[{}])",
+                                    R"("extensions":{"KHR_lights_punctual":{"lights":[{"type":"point"}]}})"}) {
+    INFO(members);
+    CHECK(read(members, {}));
+    check_refusal(read(members, stopped), ErrorCode::kFile, "interrupted");
+  }
+  const GltfDocument document =
+      must(read(R"("nodes":[{}],"accessors":[{"componentType":5126,"count":1,"type":"VEC3"}],"images":[{}])", {}));
+  check_refusal(plan_nodes(document, stopped), ErrorCode::kFile, "interrupted");
+  GltfBuffers buffers(document, ".", {}, stopped);
+  check_refusal(buffers.accessor(0), ErrorCode::kFile, "interrupted");
+  check_refusal(buffers.image(document.images[0]), ErrorCode::kFile, "interrupted");
+  check_refusal(make_nodes(document, must(plan_nodes(document, {})), {}, buffers), ErrorCode::kFile, "interrupted");
+  const std::string path = tests::data_path("data_uri.gltf").string();
+  CHECK(refusal(import_gltf(path, stopped)).message == path + ": interrupted");
 }
 
 TEST_CASE("long chains of nodes and many scenes take time in proportion to their size", "[import][bad]") {

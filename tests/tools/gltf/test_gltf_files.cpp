@@ -488,6 +488,9 @@ TEST_CASE("data: URIs are base64 or percent-coded", "[import][uri]") {
   CHECK(text_of("data:;base64,Zm8=") == "fo");
   CHECK(text_of("data:;base64,Zm9v") == "foo");
   CHECK(text_of("data:;base64,Zm9vYg%3D%3D") == "foob");
+  CHECK(text_of("DATA:application/octet-stream;BASE64,Zm9v") == "foo");
+  CHECK(text_of("data:;Base64,Zm9v") == "foo");
+  CHECK(text_of("data:base64,Zm9v") == "Zm9v");  // a type, not the mark
   CHECK(text_of("data:;base64,-_-_") == text_of("data:;base64,+/+/"));
   for (const char* bad :
        {"data:", "data:x;base64", "data:;base64,Z", "data:;base64,Zg=", "data:;base64,Z===", "data:;base64,Zg==Zg==",

@@ -48,8 +48,9 @@ std::string write(const TempFolder& folder, const std::string& text) {
 TEST_CASE("surfaces: specular and glossiness are read, also where the document requires them", "[gltf][surfaces]") {
   const TempFolder folder;
   std::string text =
-      document(R"({"name":"glossy","extensions":{"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[1,0.5,0,1],)"
-               R"("diffuseTexture":{"index":0},"specularFactor":[0.08,0.04,0.02],"glossinessFactor":0.75}}})");
+      document(R"({"name":"glossy","pbrMetallicRoughness":{"metallicRoughnessTexture":{"index":1}},"extensions":{)"
+               R"("KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[1,0.5,0,1],"diffuseTexture":{"index":0},)"
+               R"("specularFactor":[0.08,0.04,0.02],"glossinessFactor":0.75}}})");
   text.insert(1, R"("extensionsRequired":["KHR_materials_pbrSpecularGlossiness"],)");
   const auto scene = must(import_gltf(write(folder, text), {}));
   CHECK(scene.warnings.empty());
@@ -60,6 +61,9 @@ TEST_CASE("surfaces: specular and glossiness are read, also where the document r
   CHECK(scene.materials[0].surface->metallic == 0);
   CHECK(scene.materials[0].surface->roughness == 0.25f);
   CHECK(scene.materials[0].surface->specular_color[0] == 2);
+  // The fallback's texture would change this roughness.
+  CHECK(scene.materials[0].surface->textures[static_cast<size_t>(format::SurfaceUse::kMetallicRoughness)].texture ==
+        format::kNone);
 }
 
 TEST_CASE("surfaces: a material with more than a base colour has a surface", "[gltf][surfaces]") {

@@ -444,7 +444,7 @@ TEST_CASE("textures are seamless", "[synth]") {
   for (const TextureKind kind :
        {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround}) {
     constexpr uint32_t kSize = 256;
-    const std::vector<uint8_t> rgb = make_texture(kind, kSize, 2);
+    const std::vector<uint8_t> rgb = must(make_texture(kind, kSize, 2));
     // Neighbours across the border differ no more than neighbours inside the texture.
     const auto step = [&](uint32_t x0, uint32_t x1, bool transposed) {
       double sum = 0;
@@ -463,6 +463,13 @@ TEST_CASE("textures are seamless", "[synth]") {
       CHECK(step(kSize / 2, 0, transposed) > inside * 1.05);  // otherwise the test could not fail
     }
   }
+}
+
+TEST_CASE("the flag to stop ends the making of a texture", "[synth]") {
+  std::atomic<bool> stop{false};
+  CHECK(must(make_texture(TextureKind::kSlate, 64, 2, &stop)).size() == 3 * 64 * 64);
+  stop = true;
+  check_refusal(make_texture(TextureKind::kSlate, 64, 2, &stop), ErrorCode::kFile, "interrupted");
 }
 
 TEST_CASE("synth refuses invalid options", "[synth]") {

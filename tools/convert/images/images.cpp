@@ -365,9 +365,12 @@ runtime::ImageFile image_head(const SourceImage& image) {
   return {image.bytes, read, runtime::ImageFile::kHeadBytes};
 }
 
-uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads) {
+Result<uint64_t> largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads,
+                                     const std::atomic<bool>* stop) {
   std::atomic<uint64_t> largest = 0;
+  const auto is_stopped = [&] { return stop != nullptr && stop->load(std::memory_order_relaxed); };
   runtime::parallel_for(scene.images.size(), threads, [&](uint64_t i) {
+    if (is_stopped()) return;
     const SourceImage& image = scene.images[i];
     if (image.bytes > kMaxImageBytes) return;  // refused later, like pictures with too many pixels
     const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_head(image));
@@ -375,7 +378,8 @@ uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& optio
     const uint64_t bytes = std::max(check_cost(image, info, options), store_cost(image, *info, options));
     for (uint64_t most = largest; bytes > most && !largest.compare_exchange_weak(most, bytes);) continue;
   });
-  return largest;
+  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
+  return largest.load();
 }
 
 std::string image_place(const SourceScene& scene, uint32_t image) {

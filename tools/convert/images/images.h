@@ -58,8 +58,9 @@ runtime::ImageFile image_file(const SourceImage& image);
 runtime::ImageFile image_head(const SourceImage& image);
 
 /// Largest memory for checking or storing one image of the scene, bytes. Reads the images' heads on up to `threads`
-/// threads. Throws std::bad_alloc.
-uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads);
+/// threads. Error kFile "interrupted" once `stop` is raised; null: never. Throws std::bad_alloc.
+Result<uint64_t> largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads,
+                                     const std::atomic<bool>* stop);
 
 /// "city.gltf: image 3 (bark)".
 std::string image_place(const SourceScene& scene, uint32_t image);

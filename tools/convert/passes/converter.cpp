@@ -126,10 +126,10 @@ class Converter {
   }
 
   Result<void> plan_memory() {
-    memory_ = SCREE_TRY(MemoryPlan::make(
-        options_, scene_, wanted_,
-        std::max(largest_image_bytes(scene_, options_.images, report_.threads_asked), largest_mask_bytes(scene_)),
-        report_.threads_asked));
+    const uint64_t image_bytes =
+        SCREE_TRY(largest_image_bytes(scene_, options_.images, report_.threads_asked, options_.stop));
+    memory_ = SCREE_TRY(MemoryPlan::make(options_, scene_, wanted_, std::max(image_bytes, largest_mask_bytes(scene_)),
+                                         report_.threads_asked));
     return {};
   }
 

@@ -94,30 +94,42 @@ std::vector<DocMeshopt> read_meshopts(const std::string& batch, uint64_t first) 
   return all;
 }
 
-/// Checks the memory of the process while it reads the document. Records take more than three times as much per byte of
-/// text in one document as in another, so the memory is measured, not predicted.
-class MemoryLimit {
+/// To be called before `bytes` of the text are parsed at once, as one string in the worst case. Parsing then takes the
+/// copy, the parser's string, which doubles while it grows, and the value.
+Result<void> check_room(const GltfDocument& document, uint64_t bytes, uint64_t memory) {
+  constexpr uint64_t kCopies = 4;
+  if (bytes < kLargeDocument) return {};
+  const uint64_t needed = tools::memory_use().anonymous + kCopies * bytes;
+  return needed <= memory ? Result<void>() : document_too_large(memory, document.text.size(), "about", needed);
+}
+
+/// Ends the reading of the document if the process takes too much memory, or if the import is stopped. Records take
+/// more than three times as much per byte of text in one document as in another, so the memory is measured, not
+/// predicted.
+class ReadingLimits {
  public:
-  MemoryLimit(uint64_t memory, uint64_t text_bytes)
-      : memory_(memory),
+  ReadingLimits(const ImportOptions& options, uint64_t text_bytes)
+      : options_(options),
         text_bytes_(text_bytes),
         before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
 
-  /// To be called after `bytes` more of the text were read. The estimate in the error assumes that the rest takes as
+  /// To be called after one more part of the text was read. The estimate in the error assumes that the rest takes as
   /// much per byte.
-  Result<void> read(uint64_t bytes) {
-    read_ += bytes;
+  Result<void> read(JsonRange range) {
+    SCREE_TRY(options_.check_stop());
+    read_ += range.end - range.begin;
     if (read_ < next_) return {};
     next_ = read_ + kLargeDocument;
     const uint64_t now = tools::memory_use().anonymous;
-    if (now <= memory_) return {};
+    if (now <= options_.memory) return {};
     const double share = static_cast<double>(read_) / static_cast<double>(text_bytes_);
     const double in_the_end = static_cast<double>(before_) + static_cast<double>(now - std::min(now, before_)) / share;
-    return document_too_large(memory_, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
+    return document_too_large(options_.memory, text_bytes_, "about", static_cast<uint64_t>(in_the_end));
   }
+  uint64_t memory() const { return options_.memory; }
 
  private:
-  uint64_t memory_;
+  const ImportOptions& options_;
   uint64_t text_bytes_;
   uint64_t before_;  // memory of the process before reading, with the text
   uint64_t read_ = 0;
@@ -160,7 +172,7 @@ Result<ParsedBatch> parse_batch(std::span<const char> text, const std::string& s
 
 /// Reads the elements of a top-level array through tinygltf, a batch per thread at a time.
 Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, uint32_t threads,
-                          MemoryLimit& limit) {
+                          ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   for (bool is_more = true; is_more;) {
@@ -179,7 +191,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
       if (!*parsed[i]) return parsed[i]->error();
       (*parsed[i])->add_to(document);
       parsed[i].reset();
-      SCREE_TRY(limit.read(batches[i].elements.end - batches[i].elements.begin));
+      SCREE_TRY(limits.read(batches[i].elements));
     }
     if (!split) return split;
   }
@@ -188,13 +200,14 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
 
 // Buffers and images are hidden from tinygltf, which would read their files. They are read one at a time, because a
 // data: URI can be large.
-Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array) {
+Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array, ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
     auto batch = SCREE_TRY(elements.next(1));
     if (batch.count == 0) return {};
     const std::string_view element(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
+    SCREE_TRY(check_room(document, element.size(), limits.memory()));
     SCREE_TRY(check_schema(section, "{\"" + section + "\":[" + std::string(element) + "]}", batch.first,
                            batch.elements.begin));
     const auto json = nlohmann::json::parse(element.begin(), element.end(), nullptr, false);
@@ -222,36 +235,51 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
             extensions->contains("EXT_meshopt_compression") || extensions->contains("KHR_meshopt_compression");
       document.buffers.push_back(std::move(buffer));
     }
+    SCREE_TRY(limits.read(batch.elements));
   }
 }
 
+DocLight read_light(const nlohmann::json& source) {
+  const auto number = [](const nlohmann::json& object, const char* key, double otherwise) {
+    return has_member(object, key) ? object.at(key).get<double>() : otherwise;
+  };
+  DocLight light;
+  if (has_member(source, "name")) light.name = source.at("name").get<std::string>();
+  light.type = one_line(source.at("type").get<std::string>().substr(0, 20));
+  if (has_member(source, "color"))
+    for (size_t c = 0; c < 3; ++c) light.color[c] = source.at("color").at(c).get<double>();
+  light.intensity = number(source, "intensity", 1);
+  light.range = number(source, "range", 0);
+  if (has_member(source, "spot")) {
+    light.inner_cone = number(source.at("spot"), "innerConeAngle", light.inner_cone);
+    light.outer_cone = number(source.at("spot"), "outerConeAngle", light.outer_cone);
+  }
+  return light;
+}
+
 /// Reads the lights of KHR_lights_punctual in the document's own "extensions".
-Result<void> read_lights(GltfDocument& document, JsonRange range) {
+Result<void> read_lights(GltfDocument& document, JsonRange range, ReadingLimits& limits) {
   const std::span<const char> text = document.text;
   const std::string_view value(text.data() + range.begin, static_cast<size_t>(range.end - range.begin));
   if (value.find("KHR_lights_punctual") == std::string_view::npos) return check_json(value, range.begin);
-  const std::string json = "{\"extensions\":" + std::string(value) + "}";
-  SCREE_TRY(check_schema("extensions", json, 0, range.begin));
-  const auto root = nlohmann::json::parse(json, nullptr, false).at("extensions");
-  if (!has_member(root, "KHR_lights_punctual") || !has_member(root.at("KHR_lights_punctual"), "lights")) return {};
-  for (const nlohmann::json& source : root.at("KHR_lights_punctual").at("lights")) {
-    const auto number = [](const nlohmann::json& object, const char* key, double otherwise) {
-      return has_member(object, key) ? object.at(key).get<double>() : otherwise;
-    };
-    DocLight light;
-    if (has_member(source, "name")) light.name = source.at("name").get<std::string>();
-    light.type = one_line(source.at("type").get<std::string>().substr(0, 20));
-    if (has_member(source, "color"))
-      for (size_t c = 0; c < 3; ++c) light.color[c] = source.at("color").at(c).get<double>();
-    light.intensity = number(source, "intensity", 1);
-    light.range = number(source, "range", 0);
-    if (has_member(source, "spot")) {
-      light.inner_cone = number(source.at("spot"), "innerConeAngle", light.inner_cone);
-      light.outer_cone = number(source.at("spot"), "outerConeAngle", light.outer_cone);
-    }
-    document.lights.push_back(std::move(light));
+  SCREE_TRY(check_room(document, value.size(), limits.memory()));
+  SCREE_TRY(check_schema("extensions", "{\"extensions\":" + std::string(value) + "}", 0, range.begin));
+  for (const char* const key : {"KHR_lights_punctual", "lights"}) {
+    const auto members = SCREE_TRY(split_object(text, range));
+    const auto found = std::find_if(members.begin(), members.end(), [&](const auto& m) { return m.key == key; });
+    if (found == members.end() || text[found->value.begin] == 'n') return {};  // absent or null
+    range = found->value;
   }
-  return {};
+  // The parser's values take many times the bytes of the text, so it gets a batch at a time.
+  JsonElements elements(text, range);
+  while (true) {
+    const auto batch = SCREE_TRY(elements.next(kBatchBytes));
+    if (batch.count == 0) return {};
+    const std::string_view lights(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
+    for (const nlohmann::json& source : nlohmann::json::parse("[" + std::string(lights) + "]", nullptr, false))
+      document.lights.push_back(read_light(source));
+    SCREE_TRY(limits.read(batch.elements));
+  }
 }
 
 Result<void> read_default_scene(GltfDocument& document, std::string_view value, uint64_t byte) {
@@ -295,7 +323,7 @@ Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estim
                                  std::to_string(needed_bytes >> 20) + " MiB"};
 }
 
-Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint32_t threads) {
+Result<GltfDocument> read_document(std::vector<char> json, const ImportOptions& options) {
   GltfDocument document{.text = std::move(json)};
   const std::span<char> text = document.text;
   auto members = SCREE_TRY(split_document(text));
@@ -310,8 +338,9 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
       "extensionsUsed", "extensionsRequired", "bufferViews", "accessors", "meshes", "nodes",      "scenes",
       "materials",      "textures",           "samplers",    "cameras",   "skins",  "animations", "buffers",
       "images"};
-  MemoryLimit limit(memory, text.size());
-  threads = static_cast<uint32_t>(std::clamp<uint64_t>(memory / kMemoryPerThread, 1, std::min(threads, kMostThreads)));
+  ReadingLimits limits(options, text.size());
+  const auto threads = static_cast<uint32_t>(
+      std::clamp<uint64_t>(options.memory / kMemoryPerThread, 1, std::min(options.threads, kMostThreads)));
   for (const JsonMember& member : members) {
     const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
     if (member.key == "asset") continue;
@@ -319,15 +348,15 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
     if (member.key == "scene") {
       read = read_default_scene(document, value, member.value.begin);
     } else if (member.key == "extensions" && value.front() == '{') {
-      read = read_lights(document, member.value);
+      read = read_lights(document, member.value, limits);
     } else if (std::find(std::begin(kRead), std::end(kRead), member.key) == std::end(kRead) || value == "null") {
       read = check_json(value, member.value.begin);
     } else if (value.front() != '[') {
       read = Error{ErrorCode::kFormat, member.key + " is not an array"};
     } else if (member.key == "buffers" || member.key == "images") {
-      read = read_uris(document, member.key, member.value);
+      read = read_uris(document, member.key, member.value, limits);
     } else {
-      read = read_section(document, member.key, member.value, threads, limit);
+      read = read_section(document, member.key, member.value, threads, limits);
     }
     if (!read) return read.error();
   }
@@ -337,7 +366,8 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
   return document;
 }
 
-Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange range) {
+Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange range, uint64_t memory) {
+  SCREE_TRY(check_room(document, range.end - range.begin, memory));
   const std::span<const char> text = document.text;
   const auto json = nlohmann::json::parse(text.data() + range.begin, text.data() + range.end, nullptr, false);
   const auto uri = json.find("uri");

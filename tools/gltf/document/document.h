@@ -238,13 +238,14 @@ inline constexpr uint64_t kLargeDocument = 1 << 20;
 /// in the message, such as "about".
 Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
 
-/// Reads a document on up to `threads` threads. Memory: the records plus a few MiB per thread, however long the text
-/// is; fewer threads are used if `memory` is small. Errors kFormat, kRange, kVersion (not glTF 2.x), each with its
-/// position in the document; kUsage if the process takes more than `memory` bytes, with an estimate of its need. The
-/// memory is checked every kLargeDocument bytes of text.
-Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX, uint32_t threads = 1);
+/// Reads a document on up to `options.threads` threads. Memory: the records plus a few MiB per thread, however long the
+/// text is; fewer threads are used if `options.memory` is small. Errors kFormat, kRange, kVersion (not glTF 2.x), each
+/// with its position in the document; kUsage if the process takes more than `options.memory` bytes, with an estimate of
+/// its need; kFile: stopped. The memory is checked every kLargeDocument bytes of text, and before longer parts are
+/// copied.
+Result<GltfDocument> read_document(std::vector<char> text, const ImportOptions& options);
 
-/// The bytes of the data: URI of a buffer or image. `json`: its element. Errors kFormat.
-Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json);
+/// The bytes of the data: URI of a buffer or image. `json`: its element. Errors kFormat, and kUsage as read_document().
+Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json, uint64_t memory);
 
 }  // namespace scree::convert

@@ -155,9 +155,15 @@ Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
 
 }  // namespace
 
-Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) try {
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes,
+                                         const ImportOptions& options) try {
+  constexpr uint64_t kReadBytes = 16 << 20;
   std::vector<char> text(bytes);
-  SCREE_TRY(source.read(offset, std::as_writable_bytes(std::span(text))));
+  for (uint64_t done = 0; done < bytes; done += kReadBytes) {
+    SCREE_TRY(options.check_stop());
+    const auto part = std::span(text).subspan(done, std::min(kReadBytes, bytes - done));
+    SCREE_TRY(source.read(offset + done, std::as_writable_bytes(part)));
+  }
   return text;
 } catch (const std::bad_alloc&) {
   return fail(ErrorCode::kMemory, "no memory for ", bytes, " bytes of JSON");
@@ -174,10 +180,13 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
                 " bytes after the end of the document");
   }
   SCREE_TRY(empty_extras(text, {at, end}));
+  return split_object(text, {at, end});
+}
 
+Result<std::vector<JsonMember>> split_object(std::span<const char> text, JsonRange object) {
   std::vector<JsonMember> members;
-  const uint64_t last = end - 1;  // the closing brace
-  at = skip_space(text, at + 1);
+  const uint64_t last = object.end - 1;  // the closing brace
+  uint64_t at = skip_space(text, object.begin + 1);
   while (at < last) {
     if (text[at] != '"') return error_at(at, "expected a member name in quotes");
     const uint64_t key_end = string_end(text, at);
@@ -191,7 +200,7 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
     if (at >= last) return error_at(at, "expected a value");
     const auto member_end = SCREE_TRY(value_end(text, at, last));
     members.push_back({std::move(key), {at, member_end}});
-    if (members.size() > 4096) return error_at(at, "more than 4096 members in a glTF document");
+    if (members.size() > 4096) return error_at(at, "more than 4096 members in an object");
     at = skip_space(text, member_end);
     if (at == last) break;
     if (text[at] != ',') return error_at(at, "expected ',' or '}'");

@@ -21,7 +21,8 @@ inline constexpr uint32_t kMaxJsonDepth = 128;  // nested brackets; real documen
 /// Reads bytes [offset, offset + bytes) of a source into memory that may be changed. They are read, not mapped: a file
 /// that shrinks under a map ends the program with a signal, while a failed read is an error. Errors kTruncated, kFile,
 /// kMemory.
-Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes);
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes,
+                                         const ImportOptions& options = {});
 
 /// A piece of the text: bytes [begin, end).
 struct JsonRange {
@@ -38,6 +39,9 @@ struct JsonMember {
 /// never used, and tinygltf turns each value into some 150 bytes. Errors kFormat: not an object, unbalanced, nested
 /// deeper than kMaxJsonDepth, a repeated member, text after the end. Each error names its byte.
 Result<std::vector<JsonMember>> split_document(std::span<char> text);
+
+/// Splits an object within a document that split_document() has split. Errors as there.
+Result<std::vector<JsonMember>> split_object(std::span<const char> text, JsonRange object);
 
 /// Yields whole elements of a JSON array, a batch at a time.
 class JsonElements {

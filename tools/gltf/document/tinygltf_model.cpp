@@ -142,6 +142,8 @@ DocMaterial read_material(const tinygltf::Material& source) {
     // specular colour.
     material.metallic = 0;
     material.roughness = 1 - number_member(older, "glossinessFactor", 1);
+    // The texture belongs to the fallback for programs without this extension.
+    material.textures[static_cast<size_t>(format::SurfaceUse::kMetallicRoughness)] = {};
     std::array<double, 3> reflectance{1, 1, 1};
     read_numbers(older, "specularFactor", reflectance);
     for (size_t c = 0; c < 3; ++c) material.specular_color[c] = reflectance[c] / 0.04;

@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "format/fail.h"
+#include "format/text.h"
 
 namespace scree::convert {
 namespace {
@@ -122,11 +123,7 @@ struct FreeDeleter {
 
 bool is_data_uri(std::string_view uri) {
   constexpr std::string_view kScheme = "data:";
-  if (uri.size() < kScheme.size()) return false;
-  for (size_t i = 0; i < kScheme.size(); ++i) {
-    if (std::tolower(static_cast<unsigned char>(uri[i])) != kScheme[i]) return false;
-  }
-  return true;
+  return format::lower_case(uri.substr(0, kScheme.size())) == kScheme;
 }
 
 Result<std::vector<std::byte>> decode_data_uri(std::string_view uri) {
@@ -136,7 +133,9 @@ Result<std::vector<std::byte>> decode_data_uri(std::string_view uri) {
   const std::string_view head = uri.substr(0, comma);
   std::string_view body = uri.substr(comma + 1);
   constexpr std::string_view kBase64 = ";base64";
-  const bool base64 = head.size() >= kBase64.size() && head.substr(head.size() - kBase64.size()) == kBase64;
+  // RFC 2397 writes the mark in lower case, but its grammar (RFC 822) ignores case.
+  const bool base64 =
+      head.size() >= kBase64.size() && format::lower_case(head.substr(head.size() - kBase64.size())) == kBase64;
   std::string decoded;
   if (!base64 || body.find('%') != std::string_view::npos) {
     decoded = SCREE_TRY(percent_decoded(body));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <iterator>
+#include <numbers>
 #include <utility>
 
 namespace scree::tools {
@@ -126,8 +127,12 @@ void write_node(JsonWriter& json, const GltfNode& node) {
     if (local[7] != 1 || local[8] != 1 || local[9] != 1) json.array("scale", local.subspan(7, 3));
   }
   if (!node.children.empty()) json.array("children", node.children);
-  if (!node.instancing.empty())
-    write_extension(json, "EXT_mesh_gpu_instancing", [&] { write_attributes(json, node.instancing); });
+  if (node.instancing.empty() && node.light == format::kNone) return;
+  json.object("extensions", [&] {
+    if (!node.instancing.empty())
+      json.object("EXT_mesh_gpu_instancing", [&] { write_attributes(json, node.instancing); });
+    if (node.light != format::kNone) json.object(kLights, [&] { json.member("light", node.light); });
+  });
 }
 
 void write_camera(JsonWriter& json, const GltfCamera& camera) {
@@ -140,6 +145,25 @@ void write_camera(JsonWriter& json, const GltfCamera& camera) {
     if (!perspective || camera.x != 0) json.member(perspective ? "aspectRatio" : "xmag", camera.x);
     json.member("znear", camera.z_near);
     if (!perspective || camera.z_far != 0) json.member("zfar", camera.z_far);
+  });
+}
+
+void write_light(JsonWriter& json, const GltfLight& light) {
+  const format::LightRecord& record = light.record;
+  // KHR_lights_punctual limits colours to 1, so a brighter one is a brighter light.
+  const double brightest = static_cast<double>(std::max({record.color[0], record.color[1], record.color[2], 1.0f}));
+  write_name(json, light.name);
+  json.member("type", record.kind == format::LightKind::kDirectional ? "directional"
+                      : record.kind == format::LightKind::kPoint     ? "point"
+                                                                     : "spot");
+  write_color(json, "color", record.color, static_cast<float>(brightest), 1);
+  json.member("intensity", static_cast<double>(record.intensity) * brightest);
+  if (record.range != 0) json.member("range", static_cast<double>(record.range));
+  if (record.kind != format::LightKind::kSpot) return;
+  json.object("spot", [&] {
+    json.member("innerConeAngle", static_cast<double>(record.inner_cone));
+    // pi / 2 as a float is above pi / 2, which is the most in a document.
+    json.member("outerConeAngle", std::min(static_cast<double>(record.outer_cone), std::numbers::pi / 2));
   });
 }
 

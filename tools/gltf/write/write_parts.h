@@ -11,6 +11,7 @@
 namespace scree::tools {
 
 inline constexpr const char* kMeshopt = "EXT_meshopt_compression";
+inline constexpr const char* kLights = "KHR_lights_punctual";
 
 /// A buffer view and its buffer; one with meshopt is in the fallback buffer.
 struct PlacedView {
@@ -32,6 +33,7 @@ void write_accessor(JsonWriter& json, const GltfAccessor& accessor);
 void write_mesh(JsonWriter& json, const GltfMesh& mesh);
 void write_node(JsonWriter& json, const GltfNode& node);
 void write_camera(JsonWriter& json, const GltfCamera& camera);
+void write_light(JsonWriter& json, const GltfLight& light);
 void write_material(JsonWriter& json, const GltfMaterial& material);
 
 /// Whether a texture of the material has a transform.

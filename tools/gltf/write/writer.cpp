@@ -6,6 +6,7 @@
 #include <cstring>
 #include <deque>
 #include <filesystem>
+#include <map>
 #include <set>
 #include <tuple>
 
@@ -40,6 +41,10 @@ struct Image {
   std::string uri;
   std::string mime_type;
 };
+
+/// The names that are taken, each with the number from which to look for a free "NAME_2", "NAME_3" ... In lower case,
+/// for file systems that ignore case.
+using TakenNames = std::map<std::string, uint64_t>;
 
 struct Buffer {
   std::string file_name;
@@ -109,8 +114,8 @@ struct GltfWriter::State {
   PartFile binary;                     // the current buffer
   std::vector<PartFile> buffer_files;  // earlier ones
   std::vector<PartFile> image_files;
-  std::set<std::string> image_names;   // in lower case, for file systems that ignore case
-  std::set<std::string> buffer_names;  // likewise
+  TakenNames image_names;
+  TakenNames buffer_names;
   format::Existing existing = format::Existing::kReplace;
   const std::atomic<bool>* stop = nullptr;
   std::vector<Buffer> buffers;  // earlier ones
@@ -127,6 +132,7 @@ struct GltfWriter::State {
   std::vector<GltfMesh> meshes;
   std::deque<GltfNode> nodes;  // stable references; no doubling of memory with millions of nodes
   std::vector<GltfCamera> cameras;
+  std::vector<GltfLight> lights;
   std::vector<GltfMaterial> materials;
   std::vector<GltfTexture> textures;
   std::vector<Image> images;
@@ -138,8 +144,8 @@ struct GltfWriter::State {
   std::string stem() const { return path.stem().string(); }
   std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
   /// "city_NAME.jpg", made unique among `taken`, to which it is added. `safe`: NAME.
-  std::string file_name(const std::string& safe, const std::string& extension, std::set<std::string>& taken) const;
-  std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const {
+  std::string file_name(const std::string& safe, const std::string& extension, TakenNames& taken) const;
+  std::string image_file_name(std::string_view name, format::ImageCodec codec, TakenNames& taken) const {
     return file_name(safe_name(name, codec == format::ImageCodec::kBlocks), file_extension(codec), taken);
   }
   Result<void> check_stop() const {
@@ -321,6 +327,11 @@ uint32_t GltfWriter::add_camera(GltfCamera camera) {
   return add(state_->cameras, std::move(camera));
 }
 
+uint32_t GltfWriter::add_light(GltfLight light) {
+  use_extension(kLights, false);
+  return add(state_->lights, std::move(light));
+}
+
 uint32_t GltfWriter::add_material(GltfMaterial material) {
   if (has_transform(material)) use_extension("KHR_texture_transform", false);
   for (const char* const name : material_extensions(material)) use_extension(name, false);
@@ -332,10 +343,13 @@ uint32_t GltfWriter::add_texture(GltfTexture texture) {
 }
 
 std::string GltfWriter::State::file_name(const std::string& safe, const std::string& extension,
-                                         std::set<std::string>& taken) const {
+                                         TakenNames& taken) const {
+  const auto [name, is_free] = taken.try_emplace(format::lower_case(safe) + extension, 2);
   std::string unique = safe;
-  for (uint64_t k = 2; !taken.insert(format::lower_case(unique) + extension).second; ++k)
-    unique = safe + "_" + std::to_string(k);
+  for (bool is_unique = is_free; !is_unique;) {
+    unique = safe + "_" + std::to_string(name->second++);
+    is_unique = taken.try_emplace(format::lower_case(unique) + extension, 2).second;
+  }
   return stem() + "_" + unique + extension;
 }
 
@@ -351,7 +365,7 @@ Result<void> GltfWriter::check_files(std::span<const PlannedImage> planned, cons
   SCREE_TRY(check_source(state_->path.string()));
   if (state_->glb) return {};
   SCREE_TRY(check_source(state_->sibling(state_->buffer_file)));
-  std::set<std::string> taken = state_->image_names;
+  TakenNames taken = state_->image_names;
   for (const PlannedImage& image : planned) {
     const std::string file = state_->sibling(state_->image_file_name(image.name, image.codec, taken));
     SCREE_TRY(check_source(file));
@@ -475,6 +489,16 @@ Result<uint64_t> GltfWriter::State::write_document() {
   SCREE_TRY(text.section("scenes", state.scenes, write_scene));
   SCREE_TRY(text.section("nodes", state.nodes, write_node));
   SCREE_TRY(text.section("cameras", state.cameras, write_camera));
+  if (!state.lights.empty()) {
+    json.line();
+    json.key("extensions");
+    json.begin_object();
+    json.key(kLights);
+    json.begin_object();
+    SCREE_TRY(text.section("lights", state.lights, write_light));
+    json.end_object();
+    json.end_object();
+  }
   SCREE_TRY(text.section("meshes", state.meshes, write_mesh));
   SCREE_TRY(text.section("materials", state.materials, write_material));
   SCREE_TRY(text.section("textures", state.textures, write_texture));

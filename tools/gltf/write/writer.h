@@ -69,6 +69,7 @@ struct GltfNode {
   std::string name;
   uint32_t mesh = format::kNone;
   uint32_t camera = format::kNone;
+  uint32_t light = format::kNone;
   bool has_matrix = false;
   /// As format::NodeRecord::local: a column-major matrix, or translation 3, rotation xyzw 4, scale 3. Parts that are
   /// the identity are not written.
@@ -85,6 +86,12 @@ struct GltfCamera {
   double x = 0.0;  // perspective: aspect ratio, or 0 for none; orthographic: half width
   double z_near = 0.1;
   double z_far = 0.0;  // 0: infinite (perspective only)
+};
+
+/// KHR_lights_punctual. `record.name` and `record.node` are ignored.
+struct GltfLight {
+  std::string name;
+  format::LightRecord record{};
 };
 
 /// KHR_texture_transform; not written if it is the identity.
@@ -174,6 +181,7 @@ class GltfWriter {
   /// Nodes may be filled in after their children are known.
   GltfNode& node(uint32_t index);
   uint32_t add_camera(GltfCamera camera);
+  uint32_t add_light(GltfLight light);
   uint32_t add_material(GltfMaterial material);
   uint32_t add_texture(GltfTexture texture);
   /// Stores an encoded JPEG or PNG, or a KTX2 file (kBlocks): inside a .glb, otherwise as a file "city_NAME.jpg" beside
@@ -184,7 +192,7 @@ class GltfWriter {
   uint32_t add_scene(GltfScene scene);
   void set_default_scene(uint32_t scene);
   /// Declares extensions that this writer does not declare by itself. It declares EXT_mesh_gpu_instancing as required,
-  /// and KHR_texture_transform and KHR_materials_unlit as used, if they occur.
+  /// and those of lights, texture transforms and materials as used, if they occur.
   void use_extension(std::string_view name, bool required);
 
   /// Writes the document, closes and renames. Data files get their names first, the named file last. Must be called

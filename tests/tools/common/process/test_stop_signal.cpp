@@ -55,6 +55,16 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
   }
 }
 
+TEST_CASE("a signal stops synth while it makes textures", "[stop]") {
+  for (const char* const scene : {"slope", "forest", "panes-textured"}) {
+    const TempFolder folder, outside;
+    const auto has_part = [&] { return has_entry(folder, "stones."); };
+    CHECK(stop({"synth", scene, "--texture-size", "8192", "--threads", "1", "-o", folder.file("stones.glb")},
+               outside.file("log"), SIGINT, has_part) == "scree synth: stopped; nothing written\n");
+    CHECK(folder.names().empty());
+  }
+}
+
 TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
   const TempFolder folder, outside;
   const std::string log = outside.file("log");
@@ -80,6 +90,18 @@ TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
       stop({"--reference", "--scene", "A", "--scale", "0.2"}, outside.file("log"), SIGINT, has_files, kLabProgram);
   unsetenv("TMPDIR");
   CHECK(printed.ends_with("scree lab: stopped; nothing written\n"));
+  CHECK(folder.names().empty());
+}
+
+TEST_CASE("a signal stops convert while it reads the document", "[stop]") {
+  const TempFolder folder, outside;
+  std::string buffers = R"({"byteLength":1})";
+  for (uint32_t i = 0; i < 1'500'000; ++i) buffers += R"(,{"byteLength":1})";  // half a minute with sanitizers
+  const std::string model = outside.write("buffers.gltf", R"({"asset":{"version":"2.0"},"buffers":[)" + buffers + "]}");
+  const auto start = Clock::now();
+  const auto is_reading = [&] { return Clock::now() - start > std::chrono::milliseconds(500); };
+  CHECK(stop({"convert", model, "-o", folder.file("buffers.scree"), "--quiet"}, outside.file("log"), SIGINT,
+             is_reading) == "scree convert: stopped; nothing written\n");
   CHECK(folder.names().empty());
 }
 

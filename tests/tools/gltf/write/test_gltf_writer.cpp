@@ -1,6 +1,7 @@
 // The glTF writer: its output is valid JSON with the given content, and a failed write leaves no files.
 #include "tools/gltf/write/writer.h"
 
+#include <chrono>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -79,6 +80,20 @@ TEST_CASE("a .gltf is written with its .bin and its images", "[gltf_writer]") {
   CHECK(document["images"][1]["uri"] == "a%20b%25_A_B____2.png");
   CHECK(read_whole(folder.file("a b%_A_B____2.png")) == "PNG2");
   CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
+}
+
+TEST_CASE("images of equal names get the first free numbers, in time in proportion to the images", "[gltf_writer]") {
+  const TempFolder folder;
+  GltfWriter writer = must(GltfWriter::create(folder.file("x.gltf")));
+  for (const char* name : {"a", "A", "a_2", "a_4", "a", "a"})
+    REQUIRE(writer.add_image(name, format::ImageCodec::kPng, bytes_of("PNG")));
+  const std::vector<GltfWriter::PlannedImage> planned(20000, {"", format::ImageCodec::kPng});
+  const auto start = std::chrono::steady_clock::now();
+  REQUIRE(writer.check_files(planned, folder.file("source")));
+  CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(20));
+  REQUIRE(writer.finish());
+  CHECK(folder.names() == std::vector<std::string>{"x.gltf", "x_A_2.png", "x_a.png", "x_a_2_2.png", "x_a_3.png",
+                                                   "x_a_4.png", "x_a_5.png"});
 }
 
 TEST_CASE("a .glb that exceeds the lengths of version 2 has version 3", "[gltf_writer]") {
