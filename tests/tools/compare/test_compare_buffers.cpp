@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/visbuffer.h"
+#include "kernels/raster/depth.h"
 #include "runtime/scene/camera.h"
 #include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
@@ -307,4 +307,18 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
   const std::vector<uint64_t> last{kernels::pack_sample(1000, id_of(a, 0, 2))};
   const std::vector<uint64_t> first{kernels::pack_sample(1000, id_of(b, 0, 1))};
   check_refused(refused(a, b, last, first), ErrorCode::kFormat, "mesh 0 has no source triangle 2 in the second");
+}
+
+TEST_CASE("depths of an orthographic view are distances between its planes", "[compare]") {
+  kernels::View view{};
+  view.orthographic = true;
+  view.z_near = 1;
+  view.z_far = 9;
+  const auto at_distance = [&](float distance) {
+    return kernels::pack_sample(kernels::orthographic_depth_code((9 - distance) / 8), 5);
+  };
+  const std::vector<uint64_t> found{at_distance(3), at_distance(6)}, right{at_distance(2), at_distance(5)};
+  const auto report = must(compare::compare_buffers(found, right, 2, 1, nullptr, &view));
+  CHECK(report.same_depth.max() == Approx(0.5));
+  CHECK(report.same_depth.rms() == Approx(std::sqrt((0.25 + 0.04) / 2)));
 }
