@@ -47,7 +47,8 @@ class PartStream : public Imf::OStream {
 
 /// The nearest half. A larger number becomes the largest half, because other programs spread an infinite pixel.
 half half_of(float value) {
-  return half(std::isfinite(value) ? std::clamp(value, -HALF_MAX, HALF_MAX) : value);
+  constexpr auto kMost = static_cast<float>(HALF_MAX);
+  return half(std::isfinite(value) ? std::clamp(value, -kMost, kMost) : value);
 }
 
 /// The part of write_exr() that may throw.
