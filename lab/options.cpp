@@ -144,7 +144,8 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   if (words.positions != defaults.positions || words.indices != defaults.indices || words.order != defaults.order ||
       words.scale != defaults.scale || words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
-      words.sweep || words.stages || words.reference || words.curves || !words.peer.empty() || !words.csv.empty())
+      words.near != defaults.near || words.sweep || words.stages || words.reference || words.curves ||
+      !words.peer.empty() || !words.csv.empty())
     return usage(
         "--scene textured allows only --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
   options.is_textured = true;
@@ -194,6 +195,7 @@ std::string file_name(const std::string& path) {
 Result<LabOptions> parse_options(const LabWords& words) {
   LabOptions options;
   static_cast<PlainLabOptions&>(options) = words;
+  options.backend = SCREE_TRY(tools::parse_backend("auto", words.device));
   options.reference = words.reference || words.curves;
   const bool has_file = !words.files.empty() && !options.reference;
   if (has_file && words.files.size() > 1) return usage("one .scree file at a time; --reference takes several models");
@@ -233,7 +235,6 @@ Result<LabOptions> parse_options(const LabWords& words) {
   if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it excludes --view");
   options.has_peer = !words.peer.empty();
   if (options.has_peer) SCREE_TRY(check_peer(words, options));
-  options.backend = SCREE_TRY(tools::parse_backend("auto", words.device));
   return options;
 }
 

@@ -89,6 +89,7 @@ class Client:
         self.times = {"shadowMs": [], "drawMs": [], "shadeMs": [], "encodeMs": [], "waitMs": []}
         self.scene, self.is_over = None, False
         self.sent = {}
+        self.newest = None
         self.lock = threading.Lock()
         self.sharp = None  # milliseconds from the newest camera to the first full-size picture
         self.exact = None  # (bytes, milliseconds after its camera) of the newest lossless picture
@@ -165,10 +166,11 @@ class Client:
             for name in self.times:
                 self.times[name].append(head[name])
         wait = 1e3 * (now - self.sent[head["seq"]]) if head.get("seq") in self.sent else float("nan")
-        if self.sharp is None and head.get("scale") == 1:
+        is_newest = head.get("seq") == self.newest
+        if self.sharp is None and head.get("scale") == 1 and is_newest:
             self.sharp = wait
         if head.get("exact"):
-            self.exact = (len(message), wait)
+            self.exact = (len(message), wait) if is_newest else self.exact
         elif head.get("seq") in self.sent:
             self.waits.append(wait)
 
@@ -180,6 +182,7 @@ class Client:
         turn = self.turn + number / 60 + self.random.random() * 0.01
         eye = [middle[0] + reach * math.cos(turn), middle[1] + 0.4 * reach, middle[2] + reach * math.sin(turn)]
         self.sharp = None
+        self.newest = number
         self.sent[number] = time.perf_counter()
         self.sent.pop(number - 200, None)
         self.send({"type": "view", "seq": number, "eye": eye, "target": middle, "up": [0, 1, 0], "fov": 45,

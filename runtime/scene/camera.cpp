@@ -289,6 +289,16 @@ const PlacedCamera* find_camera(const format::Container& container, const std::v
   return nullptr;
 }
 
+/// A view with the picture's size and the clipping box of `options`.
+View empty_view(const CameraOptions& options) {
+  View view{.width = options.width, .height = options.height};
+  if (!options.clip_box) return view;
+  view.clips = true;
+  std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
+  std::copy(options.clip_box->max.begin(), options.clip_box->max.end(), view.clip_max);
+  return view;
+}
+
 Result<View> document_view(const format::Container& container, const WorldBox& box, const PlacedCamera& placed,
                            View view, const CameraOptions& options) {
   const format::CameraRecord& camera = container.cameras()[placed.camera];
@@ -433,14 +443,12 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
   return options.camera.empty() && !options.eye && !options.target && has_few_vertices(drawn);
 }
 
+Result<View> make_view(const Scene& scene, const PlacedCamera& camera, const CameraOptions& options) {
+  return document_view(scene.container(), scene.box(), camera, empty_view(options), options);
+}
+
 Result<View> make_view(const Scene& scene, const CameraOptions& options) {
   const format::Container& container = scene.container();
-  View view{.width = options.width, .height = options.height};
-  if (options.clip_box) {
-    view.clips = true;
-    std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
-    std::copy(options.clip_box->max.begin(), options.clip_box->max.end(), view.clip_max);
-  }
   if (!options.camera.empty()) {
     if (options.eye || options.target || options.up)
       return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};
@@ -448,8 +456,9 @@ Result<View> make_view(const Scene& scene, const CameraOptions& options) {
     const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
     if (placed == nullptr)
       return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
-    return document_view(container, scene.box(), *placed, view, options);
+    return make_view(scene, *placed, options);
   }
+  View view = empty_view(options);
   set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
   if (options.eye) return eye_view(scene.box(), view, options);
   if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};

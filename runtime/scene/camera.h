@@ -95,9 +95,14 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
 
 /// The view of `options`. The vertical field of view stays the same for any aspect ratio. The default view shows all
 /// vertices, or the corners of the instances' boxes if there are more than 2^20 vertices. The near plane is the
-/// camera's own, else a small fraction of the distance to the scene's box (of the box's size if the eye is inside).
+/// camera's own (see below), else a small fraction of the distance to the scene's box (of the box's size if the eye is
+/// inside).
 /// `scene` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of the
 /// existing ones; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const Scene& scene, const CameraOptions& options);
+
+/// The view of one of placed_cameras(), whatever its name. The planes of an orthographic camera are brought to the
+/// scene's box, and a near plane below 2^-60 of the scene's distance is raised. Errors kUsage, kFormat as above.
+Result<kernels::View> make_view(const Scene& scene, const PlacedCamera& camera, const CameraOptions& options);
 
 }  // namespace scree::runtime

@@ -13,7 +13,7 @@
 namespace scree::bench {
 
 struct FileView {
-  std::string name;  // the camera's name or number, or "default"
+  std::string name;  // the camera's name or number, with its node if names are equal; or "default"
   kernels::View view;
 };
 
