@@ -128,16 +128,21 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
   if (numbers.empty()) return {};
   Result<void> done;
   uint32_t half = 0;
-  for (size_t first = 0; first < numbers.size() && done && (first == 0 || !is_over()); half ^= 1) {
-    size_t count = 0;
-    uint64_t bytes = 0;
-    while (first + count < numbers.size() && bytes + slot_bytes(numbers[first + count]) <= half_)
-      bytes += slot_bytes(numbers[first + count++]);
-    count = std::max<size_t>(count, 1);
-    done = load_part(numbers.subspan(first, count), half);
-    first += count;
+  try {
+    for (size_t first = 0; first < numbers.size() && done && (first == 0 || !is_over()); half ^= 1) {
+      size_t count = 0;
+      uint64_t bytes = 0;
+      while (first + count < numbers.size() && bytes + slot_bytes(numbers[first + count]) <= half_)
+        bytes += slot_bytes(numbers[first + count++]);
+      count = std::max<size_t>(count, 1);
+      done = load_part(numbers.subspan(first, count), half);
+      first += count;
+    }
+  } catch (const std::bad_alloc&) {
+    done = no_memory();
   }
-  // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.
+  // Also after an error: the copies from blocks_ and to the room end before a page is sampled, or before its memory is
+  // given back, and the table has the pages that came.
   const Result<void> copied = copy_table();
   return done ? copied : done;
 }

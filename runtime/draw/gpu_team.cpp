@@ -35,6 +35,7 @@ void add(UploadCounts& sum, const UploadCounts& one) {
   sum.unpacked_bytes += one.unpacked_bytes;
   sum.copied_bytes += one.copied_bytes;
   sum.direct_bytes += one.direct_bytes;
+  sum.joined_pages += one.joined_pages;
 }
 
 }  // namespace

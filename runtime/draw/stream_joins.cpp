@@ -106,6 +106,7 @@ Result<void> StreamJoins::end(cudaStream_t stream) {
 
 /// Joins the slots of the open region, and opens the next one, which may still be at work.
 Result<void> StreamJoins::launch(Region& region) {
+  SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));  // each thread has a current device of its own
   region.is_launched = true;
   ++region.launches;
   open_ = (open_ + 1) % sizes_.regions;
@@ -163,7 +164,6 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
   if (!tasks.empty()) std::memcpy(slot.memory.data() + tasks_at, tasks.data(), tasks.size());
 
   std::unique_lock<std::mutex> lock(mutex_);
-  // The current device is each thread's own.
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   for (;;) {
     Region& open = open_region();

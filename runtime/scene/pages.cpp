@@ -125,16 +125,14 @@ DrawnPages::DrawnPages(const format::Container& container, const std::vector<boo
 }
 
 Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) const {
-  uint64_t room = format::align_up(raw.size(), format::kChunkAlignment);
+  PageRoom room(raw.size());
   for (uint64_t c = first_chunk_[index]; c < first_chunk_[index + 1]; ++c) {
     const ChunkRecord& chunk = container_.chunks()[chunks_[c].chunk];
     SCREE_TRY_AT(chunk_place(container_, chunks_[c].chunk), check_chunk(container_.meshes()[chunk.mesh], chunk, raw));
-    const uint64_t bytes = format::align_up(chunk.bytes, format::kChunkAlignment);
-    if (bytes > room)
+    if (!room.take(chunk))
       return at(chunk_place(container_, chunks_[c].chunk),
                 Error{ErrorCode::kRange, "overlaps another chunk: with it the page's chunks take more than " +
                                              std::to_string(raw.size()) + " bytes"});
-    room -= bytes;
   }
   return {};
 }

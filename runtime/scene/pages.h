@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "format/bytes.h"
 #include "format/container/container.h"
 #include "format/result.h"
 #include "runtime/files/mapped_file.h"
@@ -26,6 +27,22 @@ Result<void> check_chunk(const format::MeshRecord& mesh, const format::ChunkReco
 /// The same checks of the streams behind a chunk's clusters. `rest`: the chunk's bytes after its cluster data.
 Result<void> check_behind_clusters(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                    std::span<const std::byte> rest);
+
+/// Counts the bytes of a page's chunks. Chunks that together take more than their page overlap.
+class PageRoom {
+ public:
+  explicit PageRoom(uint64_t page_bytes) : left_(format::align_up(page_bytes, format::kChunkAlignment)) {}
+  /// Returns false if there is no room for `chunk` beside the ones before.
+  bool take(const format::ChunkRecord& chunk) {
+    const uint64_t bytes = format::align_up(chunk.bytes, format::kChunkAlignment);
+    if (bytes > left_) return false;
+    left_ -= bytes;
+    return true;
+  }
+
+ private:
+  uint64_t left_;
+};
 
 /// The pages that hold chunks of drawn meshes, in file order, each with those chunks.
 class DrawnPages {

@@ -75,6 +75,9 @@ bool JoinPlan::add_chunks(std::span<const std::byte> split, uint64_t page_bytes,
 bool JoinPlan::add(const Split& split) {
   const std::optional<SplitParts> page = format::split_streams::locate_parts(split.bytes);
   if (!page) return false;
+  PageRoom room(split.page_bytes);
+  for (const JoinChunk& chunk : split.chunks)
+    if (!room.take(*chunk.chunk)) return false;
   JoinPlan added;
   uint64_t done = 0;
   size_t next = 0;  // of the chunks

@@ -5,9 +5,11 @@
 #include <random>
 #include <set>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/stream_joins.h"
 #include "runtime/stream/chunk_source.h"
@@ -174,6 +176,35 @@ TEST_CASE("no slot is joined twice", "[cuda][stream]") {
     CHECK(holds(3));
     CHECK(joins.has_joined(load));
   }
+}
+
+TEST_CASE("any thread may start joins on the scene's GPU", "[cuda][stream]") {
+  const EmulatedGpus gpus("9.0,9.0");
+  if (!has_gpus(2)) return;
+  must(set_current_gpu(1));
+  const StreamJoins::Sizes sizes = StreamJoins::sizes_for(4096, 2, uint64_t{1} << 20, uint64_t{64} << 10);
+  REQUIRE(sizes.slots < kernels::kMostJoinSlots);  // so that joins start only when a slot is wanted
+  const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(sizes.slots * 256, "a test"));
+  StreamJoins joins;
+  must(joins.open(sizes, 1, arena.data()));
+  must(joins.begin(0, nullptr, nullptr));
+  for (uint32_t i = 0; i < sizes.slots; ++i) {
+    const StreamJoins::Slot slot = must(joins.take());
+    runtime::JoinPlan plan;
+    plan.add_copy({0, uint64_t{256} * i}, 256);
+    CHECK(must(joins.join(slot, 256, plan)));
+  }
+  Result<void> taken;
+  std::thread([&] {  // its current GPU is the first one
+    const Result<StreamJoins::Slot> slot = joins.take();
+    if (!slot) taken = slot.error();
+  })
+      .join();
+  CHECK(taken);
+  must(joins.end(nullptr));
+  must(kernels::cuda_check(cudaDeviceSynchronize(), "a test"));
+  CHECK(joins.has_joined(0));
+  must(set_current_gpu(0));
 }
 
 TEST_CASE("chunks are joined behind the moves of all earlier loads", "[cuda][stream]") {
