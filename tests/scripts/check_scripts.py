@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+"""Runs parts of scripts/ and cmake/ with stand-ins for the programs that they call: check_scripts.py CMAKE SOURCE"""
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+cmake, source = (os.path.abspath(word) for word in sys.argv[1:3])
+failures = []
+checks = 0
+
+
+def check(holds, message):
+    global checks
+    checks += 1
+    if not holds:
+        failures.append(message)
+
+
+def write(path, text):
+    """Writes a file that can be run."""
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text)
+    os.chmod(path, 0o755)
+
+
+def run(*words, **variables):
+    """Runs a command with these variables besides the environment's. Returns its exit code and its output."""
+    done = subprocess.run(words, env={**os.environ, **variables}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True)
+    return done.returncode, done.stdout
+
+
+def copy(folder, script):
+    """Copies a script to a folder where scripts/setup installs nothing. Returns the copy, and PATH after folder/bin."""
+    write(f"{folder}/scripts/setup", "#!/bin/sh\n")
+    shutil.copy(f"{source}/scripts/{script}", f"{folder}/scripts/{script}")
+    return f"{folder}/scripts/{script}", f"{folder}/bin:{os.environ['PATH']}"
+
+
+def check_nvcc(folder):
+    """cmake/cuda.cmake finds nvcc outside PATH, also in a build folder that was configured without it."""
+    write(f"{folder}/find.cmake", f"""cmake_minimum_required(VERSION 3.24)
+include("{source}/cmake/cuda.cmake")
+set(CMAKE_CUDA_COMPILER NOTFOUND CACHE FILEPATH "")
+scree_find_nvcc("{folder}/none" "{folder}/toolkit")
+message("CUDACXX=$ENV{{CUDACXX}} compiler=${{CMAKE_CUDA_COMPILER}}.")
+""")
+    os.mkdir(f"{folder}/path")
+    for place, found in ((None, ""), ("toolkit", "toolkit/nvcc"), ("path", "path/nvcc")):
+        if place:
+            write(f"{folder}/{place}/nvcc", "#!/bin/sh\n")
+        output = run(cmake, "-P", f"{folder}/find.cmake", PATH=f"{folder}/path", CUDACXX="", CUDA_PATH="")[1]
+        expected = f"CUDACXX={found and f'{folder}/{found}'} compiler=.\n"
+        check(output == expected, f"cuda.cmake with nvcc in {place}: expected {expected!r}, found {output!r}")
+
+
+def check_package(folder):
+    """scripts/package tells whether the packages have CUDA."""
+    package, path = copy(folder, "package")
+    write(f"{folder}/bin/cmake", """#!/bin/sh
+if [ "$1" = --build ]; then exit 1; fi
+echo "CMAKE_CUDA_COMPILER:FILEPATH=$NVCC" >build/package/CMakeCache.txt
+""")
+    for nvcc, cuda, told in (("/opt/cuda/bin/nvcc", "ON", "with CUDA, for 75-real;80-real"),
+                             ("NOTFOUND", "ON", "without CUDA, because no working nvcc was found\n"),
+                             ("NOTFOUND", "OFF", "without CUDA (SCREE_CUDA=OFF)\n")):
+        output = run(package, "any", PATH=path, SOURCE_DATE_EPOCH="0", SCREE_CUDA_ARCHITECTURES="", NVCC=nvcc,
+                     SCREE_CUDA=cuda)[1]
+        check(f"package: any: {told}" in output, f"scripts/package any: expected {told!r}, found {output!r}")
+
+
+for function in (check_nvcc, check_package):
+    with tempfile.TemporaryDirectory() as temporary:
+        function(os.path.realpath(temporary))
+for failure in failures:
+    print(f"check_scripts.py: {failure}", file=sys.stderr)
+print(f"{checks} checks, {len(failures)} failures")
+sys.exit(1 if failures else 0)
