@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Runs parts of scripts/ and cmake/ with stand-ins for the programs that they call: check_scripts.py CMAKE SOURCE"""
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -58,21 +59,47 @@ message("CUDACXX=$ENV{{CUDACXX}} compiler=${{CMAKE_CUDA_COMPILER}}.")
 
 
 def check_package(folder):
-    """scripts/package tells whether the packages have CUDA."""
+    """scripts/package tells whether the packages have CUDA, and asks for the licences of bundled libraries."""
     package, path = copy(folder, "package")
     write(f"{folder}/bin/cmake", """#!/bin/sh
-if [ "$1" = --build ]; then exit 1; fi
+if [ "$1" = --build ]; then exit 0; fi
 echo "CMAKE_CUDA_COMPILER:FILEPATH=$NVCC" >build/package/CMakeCache.txt
+printf '%s\\n' "$@" | sed -n 's/^-D\\(SCREE_BUNDLE_LIBRARIES\\)=/\\1:BOOL=/p' >>build/package/CMakeCache.txt
+mkdir -p build/package/python/scree
+touch build/package/python/scree/_scree.so
 """)
+    write(f"{folder}/bin/dpkg-architecture", "#!/bin/sh\n")
+    write(f"{folder}/cmake/copyright.py", '#!/bin/sh\necho "copyright.py $*"\n')
+    shutil.copytree(f"{source}/cmake/debian", f"{folder}/cmake/debian")
+    write(f"{folder}/cmake/debian/rules", "#!/bin/sh\nexit 1\n")
     for nvcc, cuda, told in (("/opt/cuda/bin/nvcc", "ON", "with CUDA, for 75-real;80-real"),
                              ("NOTFOUND", "ON", "without CUDA, because no working nvcc was found\n"),
                              ("NOTFOUND", "OFF", "without CUDA (SCREE_CUDA=OFF)\n")):
         output = run(package, "any", PATH=path, SOURCE_DATE_EPOCH="0", SCREE_CUDA_ARCHITECTURES="", NVCC=nvcc,
                      SCREE_CUDA=cuda)[1]
         check(f"package: any: {told}" in output, f"scripts/package any: expected {told!r}, found {output!r}")
+    for kind, bundled in (("any", True), ("deb", False)):
+        output = run(package, kind, PATH=path, SOURCE_DATE_EPOCH="0", NVCC="NOTFOUND")[1]
+        asked = re.findall(r"^copyright.py .* --package scree\b(?!-)(.*)", output, re.MULTILINE)
+        check(len(asked) == 1 and ("--bundled" in asked[0]) == bundled,
+              f"scripts/package {kind}: wrong options of copyright.py: {output}")
 
 
-for function in (check_nvcc, check_package):
+def check_copyright(folder):
+    """cmake/copyright.py includes the libraries beside the program, for the tarball and with --bundled."""
+    for options in (["--third-party"], ["--package", "scree", "--bundled", "--debian"]):
+        status, output = run(sys.executable, f"{source}/cmake/copyright.py", *options, f"{folder}/out")
+        if status != 0 and "is installed" in output:
+            print(f"check_scripts.py: skipped: {output.strip()}")
+            continue
+        check(status == 0, f"copyright.py {options}: {output}")
+        with open(f"{folder}/out", encoding="utf-8") as file:
+            text = file.read()
+        for library in ("meshoptimizer", "openexr", "imath"):
+            check(f"\nFiles: {library}/" in text, f"copyright.py {options}: no licence of {library}")
+
+
+for function in (check_nvcc, check_package, check_copyright):
     with tempfile.TemporaryDirectory() as temporary:
         function(os.path.realpath(temporary))
 for failure in failures:
