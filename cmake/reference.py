@@ -352,7 +352,8 @@ def main():
     program = os.path.abspath(asked.program)
     pages = [parse_help("scree", help_of(program))]
     pages += [parse_help(f"scree {name}", help_of(program, name)) for name, _ in pages[0].commands]
-    version = subprocess.run([program, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    versions = subprocess.run([program, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
+    version = versions.splitlines()[0]  # the program's; the next lines name its compiler and libraries
     if asked.install:
         man = os.path.join(asked.install, "man1")
         for page in pages:

@@ -7,6 +7,7 @@ docs/options.md. Bash must complete each of them, and choices. A second run must
 import gzip
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,8 +26,8 @@ def read(*path):
         return file.read()
 
 
-def run(*words):
-    return subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True).stdout
+def run(*words, text=None):
+    return subprocess.run(words, input=text, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def names_in(text):
@@ -78,6 +79,12 @@ for command in [None, *commands]:
         flag = f" -l {name[2:]} " if name.startswith("--") else f" -s {name[1:]} "
         check(flag in fish_part, f"fish: no {title} {name}")
         check(name in offered, f"bash does not complete {title} {name}")
+    lines = man.splitlines()
+    check(lines[0].startswith(".TH ") and lines[0].endswith('" "User Commands"') and lines[1] == ".SH NAME",
+          f"the man page of {title} begins with {lines[:2]}")
+    if shutil.which("groff"):
+        printed = [line for line in run("groff", "-man", "-Tascii", "-P-cbou", text=man).splitlines() if line]
+        check("User Commands" in printed[0] and printed[1] == "NAME", f"the man page of {title} is printed as {printed[:2]}")
 check(options > 90, f"only {options} options were found in --help")
 check(complete("scree", "synth", "--order", "b") == ["block"], "bash does not complete the choices of synth --order")
 
