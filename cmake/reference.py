@@ -211,6 +211,9 @@ def man_page(page, pages, version):
 
 # Shells
 
+# A line per name, so that names with spaces stay whole and names like a[b].scree are no patterns.
+BASH_FILES = 'mapfile -t COMPREPLY < <(compgen -f -- "$word")'
+
 
 def quoted(text):
     return "'" + text.replace("'", "'\\''") + "'"
@@ -236,13 +239,13 @@ def bash_file(pages):
         if plain:
             cases.append(f"        {'|'.join(plain)}) return ;;")
         if files:
-            cases.append(f"        {'|'.join(files)}) COMPREPLY=($(compgen -f -- \"$word\")); return ;;")
+            cases.append(f"        {'|'.join(files)}) {BASH_FILES}; return ;;")
         if cases:
             lines += ["      case $previous in", *cases, "      esac"]
         lines.append("      ;;")
     lines += ["  esac", "  if [ -n \"$values\" ]; then", "    COMPREPLY=($(compgen -W \"$values\" -- \"$word\"))",
               "  elif [ -z \"$command\" ] || [[ $word == -* ]]; then", "    COMPREPLY=($(compgen -W \"$words\" -- \"$word\"))",
-              "  else", "    COMPREPLY=($(compgen -f -- \"$word\"))", "  fi", "}", "complete -o filenames -F _scree scree"]
+              "  else", f"    {BASH_FILES}", "  fi", "}", "complete -o filenames -F _scree scree"]
     return "\n".join(lines) + "\n"
 
 
