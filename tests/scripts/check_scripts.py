@@ -99,7 +99,48 @@ def check_copyright(folder):
             check(f"\nFiles: {library}/" in text, f"copyright.py {options}: no licence of {library}")
 
 
-for function in (check_nvcc, check_package, check_copyright):
+def check_demo(folder):
+    """scripts/demo takes an error that nvidia-smi prints on standard output for no GPU."""
+    if os.path.exists("/dev/nvidiactl") or os.path.exists("/proc/driver/nvidia"):
+        print("check_scripts.py: skipped: scripts/demo, because this machine has a GPU")
+        return
+    demo, path = copy(folder, "demo")
+    write(f"{folder}/scene.gltf", "{}")
+    write(f"{folder}/bin/nvcc", "#!/bin/sh\n")
+    write(f"{folder}/bin/cmake", '#!/bin/sh\necho "$2" >>presets\nexit 9\n')
+    for printed, preset in (("NVIDIA-SMI has failed because version 5.1 is no driver.\\n", "cpu-release"),
+                            ("9.0\\n8.6\\n", "cuda-release")):
+        write(f"{folder}/bin/nvidia-smi", f"#!/bin/sh\nprintf '{printed}'\n")
+        write(f"{folder}/presets", "")
+        output = run(demo, f"{folder}/scene.gltf", PATH=path)[1]
+        with open(f"{folder}/presets", encoding="utf-8") as file:
+            found = file.read()
+        check(found == f"{preset}\n", f"scripts/demo: expected {preset}, found {found!r}: {output}")
+
+
+def check_fuzz(folder):
+    """scripts/fuzz refuses unknown targets and numbers below 1, with and without PROGRAMS."""
+    fuzz = f"{source}/scripts/fuzz"
+    write(f"{folder}/bin/cmake", "#!/bin/sh\nexit 9\n")
+    write(f"{folder}/programs/fuzz_gltf", "#!/bin/sh\necho 'stat::number_of_executed_units: 5'\n")
+    path = f"{folder}/bin:{os.environ['PATH']}"
+    settings = {"PATH": path, "OUT": f"{folder}/out", "SECONDS_EACH": "1"}
+    for programs in ("", f"{folder}/programs"):
+        settings["PROGRAMS"] = programs
+        for variables, targets, start in (({}, ["gltf", "nosuch"], "fuzz: nosuch: expected one of "),
+                                          ({"JOBS": "0"}, ["gltf"], "fuzz: JOBS=0: expected a number from 1 on"),
+                                          ({"WORKERS": "x"}, [], "fuzz: WORKERS=x: expected a number from 1 on")):
+            status, output = run(fuzz, *targets, **{**settings, **variables})
+            check(status == 1 and output.startswith(start) and output.count("\n") == 1,
+                  f"scripts/fuzz {targets} with {variables}: exit code {status}: {output}")
+    for targets in ([], ["gltf"]):
+        status, output = run(fuzz, *targets, **settings)
+        check((status, output) == (0, "fuzz: gltf.1: 5 inputs, nothing found\n"), f"scripts/fuzz {targets}: {output}")
+    status, output = run(fuzz, "gltf", **{**settings, "PROGRAMS": ""})
+    check(status == 9, f"scripts/fuzz gltf: expected the exit code of cmake, found {status}: {output}")
+
+
+for function in (check_nvcc, check_package, check_copyright, check_demo, check_fuzz):
     with tempfile.TemporaryDirectory() as temporary:
         function(os.path.realpath(temporary))
 for failure in failures:
