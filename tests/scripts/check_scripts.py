@@ -141,7 +141,7 @@ def check_fuzz(folder):
 
 
 for function in (check_nvcc, check_package, check_copyright, check_demo, check_fuzz):
-    with tempfile.TemporaryDirectory() as temporary:
+    with tempfile.TemporaryDirectory(dir=os.getcwd()) as temporary:  # TMPDIR may be mounted with noexec
         function(os.path.realpath(temporary))
 for failure in failures:
     print(f"check_scripts.py: {failure}", file=sys.stderr)
