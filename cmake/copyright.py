@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes the licences of a built scree: its own, and the licences of the libraries in it, from the distribution's packages.
 
-copyright.py --debian FILE --package NAME [--cuda] [--with LIBRARY]...
+copyright.py --debian FILE --package NAME [--cuda] [--bundled] [--with LIBRARY]...
     the copyright file of a Debian package, in the machine-readable form (DEP-5)
 copyright.py --third-party FILE [--cuda] [--with LIBRARY]...
     the same for the libraries alone, including the shared ones, for the tarball
@@ -27,7 +27,7 @@ PACKAGES = ["scree", "libscree0", "libscree-dev", "python3-scree"]
 HEADER_CODE = {"xxhash", "tinygltf", "nlohmann-json", "draco"}
 # Packages whose copyright file has the old form ("Copyright:" and "License:" with a text each), and their licence.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
-# Shared libraries that lie beside the program in the tarball.
+# Shared libraries that lie beside the program in the tarball, and with --bundled in the package scree.
 BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
 FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
 CUDA = """The CUDA runtime (cudart), in this package: object code of the CUDA Toolkit, which may be distributed as part
@@ -132,6 +132,7 @@ def main():
     parser.add_argument("--package", metavar="NAME", choices=PACKAGES, default="scree")
     parser.add_argument("--third-party", metavar="FILE")
     parser.add_argument("--cuda", action="store_true")
+    parser.add_argument("--bundled", action="store_true")
     parser.add_argument("--with", dest="optional", metavar="LIBRARY", action="append", choices=[*sorted(OPTIONAL), "pybind11"], default=[])
     asked = parser.parse_args()
     with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "LICENSE"), encoding="utf-8") as file:
@@ -152,7 +153,7 @@ def main():
     elif asked.package == "python3-scree":
         libraries = [PYBIND11]
     elif asked.package == "scree":
-        libraries = linked
+        libraries = linked + (BESIDE if asked.bundled else [])
     else:
         libraries = [library for library in linked if library[0] in HEADER_CODE]
     for library, names in libraries:

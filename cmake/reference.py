@@ -211,6 +211,9 @@ def man_page(page, pages, version):
 
 # Shells
 
+# A line per name, so that names with spaces stay whole and names like a[b].scree are no patterns.
+BASH_FILES = 'mapfile -t COMPREPLY < <(compgen -f -- "$word")'
+
 
 def quoted(text):
     return "'" + text.replace("'", "'\\''") + "'"
@@ -236,13 +239,13 @@ def bash_file(pages):
         if plain:
             cases.append(f"        {'|'.join(plain)}) return ;;")
         if files:
-            cases.append(f"        {'|'.join(files)}) COMPREPLY=($(compgen -f -- \"$word\")); return ;;")
+            cases.append(f"        {'|'.join(files)}) {BASH_FILES}; return ;;")
         if cases:
             lines += ["      case $previous in", *cases, "      esac"]
         lines.append("      ;;")
     lines += ["  esac", "  if [ -n \"$values\" ]; then", "    COMPREPLY=($(compgen -W \"$values\" -- \"$word\"))",
               "  elif [ -z \"$command\" ] || [[ $word == -* ]]; then", "    COMPREPLY=($(compgen -W \"$words\" -- \"$word\"))",
-              "  else", "    COMPREPLY=($(compgen -f -- \"$word\"))", "  fi", "}", "complete -o filenames -F _scree scree"]
+              "  else", f"    {BASH_FILES}", "  fi", "}", "complete -o filenames -F _scree scree"]
     return "\n".join(lines) + "\n"
 
 
@@ -352,7 +355,8 @@ def main():
     program = os.path.abspath(asked.program)
     pages = [parse_help("scree", help_of(program))]
     pages += [parse_help(f"scree {name}", help_of(program, name)) for name, _ in pages[0].commands]
-    version = subprocess.run([program, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    versions = subprocess.run([program, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
+    version = versions.splitlines()[0]  # the program's; the next lines name its compiler and libraries
     if asked.install:
         man = os.path.join(asked.install, "man1")
         for page in pages:

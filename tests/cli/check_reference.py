@@ -7,6 +7,7 @@ docs/options.md. Bash must complete each of them, and choices. A second run must
 import gzip
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,8 +26,8 @@ def read(*path):
         return file.read()
 
 
-def run(*words):
-    return subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True).stdout
+def run(*words, text=None, folder=None):
+    return subprocess.run(words, input=text, cwd=folder, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def names_in(text):
@@ -34,10 +35,10 @@ def names_in(text):
     return [name for head in re.findall(r"^  (-[^ ]+(?:, --[\w-]+)?)", text, re.MULTILINE) for name in re.split(r",\s*", head)]
 
 
-def complete(*words):
-    """Bash's completions of the last of these words."""
+def complete(*words, folder=None):
+    """Bash's completions of the last of these words, in the folder."""
     script = ('source "$0"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _scree; printf "%s\\n" "${COMPREPLY[@]}"')
-    return run("bash", "-c", script, os.path.join(made, "bash", "scree"), *words).split()
+    return run("bash", "-c", script, os.path.join(made, "bash", "scree"), *words, folder=folder).splitlines()
 
 
 top = run(program, "--help")
@@ -78,8 +79,22 @@ for command in [None, *commands]:
         flag = f" -l {name[2:]} " if name.startswith("--") else f" -s {name[1:]} "
         check(flag in fish_part, f"fish: no {title} {name}")
         check(name in offered, f"bash does not complete {title} {name}")
+    lines = man.splitlines()
+    check(lines[0].startswith(".TH ") and lines[0].endswith('" "User Commands"') and lines[1] == ".SH NAME",
+          f"the man page of {title} begins with {lines[:2]}")
+    if shutil.which("groff"):
+        printed = [line for line in run("groff", "-man", "-Tascii", "-P-cbou", text=man).splitlines() if line]
+        check("User Commands" in printed[0] and printed[1] == "NAME", f"the man page of {title} is printed as {printed[:2]}")
 check(options > 90, f"only {options} options were found in --help")
 check(complete("scree", "synth", "--order", "b") == ["block"], "bash does not complete the choices of synth --order")
+
+with tempfile.TemporaryDirectory() as folder:
+    for name in ("my city.scree", "a[b].scree", "ab.scree"):
+        open(os.path.join(folder, name), "wb").close()
+    for words in (["render"], ["render", "x.scree", "--environment"]):
+        for start, name in (("my", "my city.scree"), ("a[", "a[b].scree"), ("*", "")):
+            offered = complete("scree", *words, start, folder=folder)
+            check(offered == [name], f"bash completes {words} {start} by {offered}, not by {name}")
 
 with tempfile.TemporaryDirectory() as again:
     run(sys.executable, os.path.join(source, "cmake", "reference.py"), program, "--install", again)
