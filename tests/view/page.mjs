@@ -353,13 +353,19 @@ await check('a link shows the same view', async () => {
   await page.evaluate(() => scree.set({edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d'}));
   assert.doesNotMatch(await page.evaluate(() => location.hash), /&[bdrs]=/);
 });
-await check('a wrong token is explained, and the right one can be pasted', async () => {
-  const lost = await open(browser, server.url.replace(/token=.*/, `token=${'0'.repeat(32)}`));
+await check('a wrong token is explained, and the right one can be pasted and stays', async () => {
+  const plain = server.url.replace(/#.*/, ''), wrong = `${plain}#token=${'0'.repeat(32)}`;
+  const lost = await open(browser, wrong);
   await lost.waitForSelector('#token-form:visible');
   assert.match(await lost.textContent('#cover'), /token/);
   await lost.fill('#token-input', server.url);
   await lost.click('#token-form button');
   await rests(lost);
+  const hostile = await lost.context().newPage(), later = await lost.context().newPage();
+  await hostile.goto(wrong);
+  await hostile.waitForSelector('#token-form:visible');
+  await later.goto(plain);
+  await rests(later);
   await lost.context().close();
 });
 await check('a server with another scene: its address in the same tab connects, and the page forgets the old nodes', async () => {

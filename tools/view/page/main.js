@@ -171,10 +171,13 @@ const kStates = {
   full: ['The server is full', 'The server has as many viewers as it allows (--viewers).'],
 };
 
-function setState({state, reason}) {
+let usedToken = '';  // of the newest attempt to connect; the browser keeps it once the server has accepted it
+
+function setState({state, reason, token}) {
   isConnected = state === 'open';
   document.documentElement.dataset.state = reason ?? state;
   if (state === 'connecting') {
+    usedToken = token;
     if (!scene) cover('Connecting', location.host);
     return;
   }
@@ -197,19 +200,17 @@ function cover(title, text, {spin = true, form = false, button = false} = {}) {
 }
 const uncover = () => { $('cover').className = 'gone'; };
 
-function connect(token) {
-  localStorage.setItem(storageKey, token);
-  worker.postMessage({type: 'connect', token});
-}
+const connect = (token) => worker.postMessage({type: 'connect', token});
 $('token-form').addEventListener('submit', (event) => {
   event.preventDefault();
   const token = /[0-9a-f]{32}/.exec($('token-input').value)?.[0];
   if (token) connect(token);
   else toast('There is no token in this text.', true);
 });
-$('cover-button').addEventListener('click', () => connect(localStorage.getItem(storageKey) ?? ''));
+$('cover-button').addEventListener('click', () => connect(usedToken));
 
 function opened(message) {
+  localStorage.setItem(storageKey, usedToken);
   const hasOther = (...names) => names.some((name) => scene?.[name] !== message[name]);
   const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;

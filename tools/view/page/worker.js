@@ -11,7 +11,7 @@ const kReasons = {4001: 'token', 4002: 'full', 4003: 'refused', 4004: 'slow', 40
 function connect() {
   clearTimeout(retryTimer);
   isWanted = true;
-  tell('state', {state: 'connecting'});
+  tell('state', {state: 'connecting', token});
   socket?.close();
   const opened = socket = new WebSocket(address);
   let isOpen = false;
