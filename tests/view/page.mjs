@@ -368,6 +368,19 @@ await check('a wrong token is explained, and the right one can be pasted and sta
   await rests(later);
   await lost.context().close();
 });
+await check('the page works in a browser that blocks its storage, or has no space left', async () => {
+  for (const block of [() => Object.defineProperty(window, 'localStorage', {get() { throw new DOMException('', 'SecurityError'); }}),
+    () => { Storage.prototype.setItem = () => { throw new DOMException('', 'QuotaExceededError'); }; }]) {
+    const blocked = await open(browser, 'about:blank');
+    await blocked.addInitScript(block);
+    await blocked.goto(server.url);
+    await rests(blocked);
+    await blocked.keyboard.press('b');
+    await blocked.waitForSelector('#bookmarks li');
+    assert.deepEqual(blocked.problems, []);
+    await blocked.context().close();
+  }
+});
 await check('a server with another scene: its address in the same tab connects, and the page forgets the old nodes', async () => {
   const served = await serve(program, sunny);
   let port = new URL(server.url).port;

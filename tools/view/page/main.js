@@ -3,7 +3,7 @@ import {addressOf, commandOf, kDefaults, readAddress} from './address.js';
 import {alongPath, between, Camera, clamped, kFarthest} from './camera.js';
 import {ClipBox} from './clip_box.js';
 import {Controls} from './controls.js';
-import {$, copy, element, fill, saveFile, toast} from './elements.js';
+import {$, copy, element, fill, saveFile, store, stored, toast} from './elements.js';
 import {coordinateText, lengthText, Overlay} from './overlay.js';
 import {Bookmarks, KeyPath} from './saved_views.js';
 import {bytesText, counted, countText, Stats} from './stats.js';
@@ -210,7 +210,7 @@ $('token-form').addEventListener('submit', (event) => {
 $('cover-button').addEventListener('click', () => connect(usedToken));
 
 function opened(message) {
-  localStorage.setItem(storageKey, usedToken);
+  store(storageKey, usedToken);
   const hasOther = (...names) => names.some((name) => scene?.[name] !== message[name]);
   const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;
@@ -675,7 +675,7 @@ addEventListener('hashchange', () => {
   if (token !== null) return connect(token);
   if (scene) goToAddress();
 });
-const token = takeToken() ?? localStorage.getItem(storageKey);
+const token = takeToken() ?? stored(storageKey);
 
 const place = new URL('ws', location.href);
 place.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';

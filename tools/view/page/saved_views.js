@@ -1,5 +1,5 @@
 // Saved views: bookmarks, which the browser keeps, and the keys of a camera path.
-import {$, fill, saveFile, toast} from './elements.js';
+import {$, fill, saveFile, store, stored, toast} from './elements.js';
 import {kFarthest} from './camera.js';
 import {distance} from './vector.js';
 
@@ -62,11 +62,11 @@ export class Bookmarks {
   /// `key`: names the scene in the browser's storage.
   read(key) {
     this.key = key;
-    try { this.all = JSON.parse(localStorage.getItem(key) ?? '[]').filter(isPose); } catch { this.all = []; }
+    try { this.all = JSON.parse(stored(key) ?? '[]').filter(isPose); } catch { this.all = []; }
     this.show();
   }
   show() {
-    localStorage.setItem(this.key, JSON.stringify(this.all));
+    store(this.key, JSON.stringify(this.all));
     fill($('bookmarks'), this.all.map((bookmark, i) => ({
       text: bookmark.name, pressed: i === this.at, click: () => this.go(i),
       remove: () => { this.all.splice(i, 1); this.at = -1; this.show(); },
