@@ -353,6 +353,22 @@ await check('a link shows the same view', async () => {
   await page.evaluate(() => scree.set({edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d'}));
   assert.doesNotMatch(await page.evaluate(() => location.hash), /&[bdrs]=/);
 });
+await check('two tabs have the same bookmarks', async () => {
+  const other = await page.context().newPage();
+  await other.goto(server.url.replace(/#.*/, ''));
+  await rests(other);
+  const count = await page.locator('#bookmarks li').count();
+  const haveBoth = async (count) => {
+    for (const tab of [page, other]) await tab.waitForFunction((count) => document.querySelectorAll('#bookmarks li').length === count, count);
+  };
+  await page.keyboard.press('b');
+  await haveBoth(count + 1);
+  await other.keyboard.press('b');
+  await haveBoth(count + 2);
+  await page.evaluate(() => document.querySelector('#bookmarks [title=Remove]').click());
+  await haveBoth(count + 1);
+  await other.close();
+});
 await check('a wrong token is explained, and the right one can be pasted and stays', async () => {
   const plain = server.url.replace(/#.*/, ''), wrong = `${plain}#token=${'0'.repeat(32)}`;
   const lost = await open(browser, wrong);
@@ -376,7 +392,8 @@ await check('the page works in a browser that blocks its storage, or has no spac
     await blocked.goto(server.url);
     await rests(blocked);
     await blocked.keyboard.press('b');
-    await blocked.waitForSelector('#bookmarks li');
+    await blocked.locator('.toast.bad', {hasText: 'does not store'}).waitFor();
+    assert.equal(await blocked.locator('#bookmarks li').count(), 1);
     assert.deepEqual(blocked.problems, []);
     await blocked.context().close();
   }

@@ -57,27 +57,37 @@ export class Bookmarks {
     this.page = page;
     this.all = [];
     this.at = -1;
+    addEventListener('storage', ({key}) => { if (key === this.key) this.read(key); });  // another tab has changed the list
   }
 
   /// `key`: names the scene in the browser's storage.
   read(key) {
     this.key = key;
+    this.at = -1;
     try { this.all = JSON.parse(stored(key) ?? '[]').filter(isPose); } catch { this.all = []; }
     this.show();
   }
   show() {
-    store(this.key, JSON.stringify(this.all));
     fill($('bookmarks'), this.all.map((bookmark, i) => ({
       text: bookmark.name, pressed: i === this.at, click: () => this.go(i),
-      remove: () => { this.all.splice(i, 1); this.at = -1; this.show(); },
+      remove: () => this.remove(i),
     })), 'none yet: B adds this view');
   }
   add() {
     const number = 1 + Math.max(0, ...this.all.map((bookmark) => Number(/\d+$/.exec(bookmark.name)?.[0] ?? 0)));
     this.at = this.all.push({name: `View ${number}`, ...this.page.pose()}) - 1;
     this.show();
-    toast(`Bookmark “View ${number}”`);
+    const isKept = this.keep();
+    toast(`Bookmark “View ${number}”${isKept ? '' : '; the browser does not store it, so it is lost when the page is closed'}`, !isKept);
   }
+  remove(i) {
+    this.all.splice(i, 1);
+    this.at = -1;
+    this.show();
+    this.keep();
+  }
+  /// Returns false if the browser does not store the list.
+  keep() { return store(this.key, JSON.stringify(this.all)); }
   go(i) {
     if (this.all.length === 0) return toast('No bookmarks yet: B adds this view.');
     this.at = (i + this.all.length) % this.all.length;
