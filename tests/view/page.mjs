@@ -206,7 +206,7 @@ await check('pictures of another size and for a screen with small pixels are exa
   await isExact(fine, 1);
   await fine.context().close();
 });
-await check('a path file is flown as scree render --path draws it, and other files are refused', async () => {
+await check('a path file is flown as scree render --path draws it, and saved with its fps, and other files are refused', async () => {
   const keys = [{t: 0, eye: [0, 0, 4], target: [0, 0, 0], fov: 20}, {t: 1, eye: [1, 1, 4], target: [0, 0, 0], up: [1, 2, 0], fov: 20},
     {t: 2, matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1], fov: 80, name: 'last but one'}, {t: 3, eye: [0, 0, 3], target: [0.5, 0, 0], fov: 80}];
   const file = {format: 'scree camera path', version: 1, fps: 2, keys};
@@ -234,6 +234,9 @@ await check('a path file is flown as scree render --path draws it, and other fil
     await page.locator('.toast', {hasText: reason}).waitFor();
   }
   assert.equal(await page.evaluate(() => scree.path.keys.length), 4);
+  const [download] = await Promise.all([page.waitForEvent('download'), page.evaluate(() => document.querySelector('[data-do=save-path]').click())]);
+  const saved = JSON.parse(readFileSync(await download.path(), 'utf8'));
+  assert.deepEqual([saved.fps, saved.keys.length], [2, 4]);
 });
 await check('Space acts on the focused control, and otherwise plays the path', async () => {
   const press = async (selector, key) => {
