@@ -440,6 +440,22 @@ await check('a broken connection is restored', async () => {
   await page.evaluate(() => { for (let i = 0; i < 3; ++i) document.getElementById('cover-button').click(); });
   await page.waitForFunction(() => document.getElementById('viewers-count').textContent === '1');
 });
+await check('a double click without a connection does not turn a later click into a flight', async () => {
+  const cut = await open(browser, server.url);
+  await rests(cut);
+  await cut.evaluate(() => {
+    document.documentElement.dataset.exact = 0;
+    scree.drop();
+    for (const type of ['pointerdown', 'pointerup', 'pointerdown', 'pointerup'])
+      document.getElementById('stage').dispatchEvent(new PointerEvent(type, {pointerId: 1, clientX: 300, clientY: 225, bubbles: true}));
+  });
+  await rests(cut);
+  const eye = await cut.evaluate(() => scree.camera.eye);
+  await cut.mouse.click(300, 225);
+  await cut.waitForSelector('#picked dd', {timeout: 5000});
+  assert.deepEqual(await cut.evaluate(() => scree.camera.eye), eye);
+  await cut.context().close();
+});
 await check('the server ends in time, and the page reports it', async () => {
   const started = Date.now();
   assert.equal(await server.end(), 0);

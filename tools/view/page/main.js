@@ -273,10 +273,7 @@ const controls = new Controls(stage, {
     probe(x, y);
   },
   click(x, y, event) { pick(x, y, event.shiftKey); },
-  doubleClick(x, y) {
-    wantsGo = {x, y};
-    pick(x, y, false);
-  },
+  doubleClick(x, y) { pick(x, y, false, true); },
   speed(speed) { toast(`Speed × ${lengthText(speed)}`); },
 });
 
@@ -357,18 +354,18 @@ function drawOverlay() { overlay.draw(camera, stage.clientWidth, stage.clientHei
 
 // --- Picking ---
 
-let wantsGo = null;
+let goId = 0;  // of the newest pick to whose point the camera goes; a pick without a connection is never answered
 
-function pick(x, y, isMeasured) {
+function pick(x, y, isMeasured, goes = false) {
   const at = cursorPixel({x, y});
   if (!scene || at.x === undefined) return;
   overlay.isMeasured = isMeasured;
   send({type: 'pick', id: ++pickId, ...at});
+  if (goes) goId = pickId;
 }
 function picked(message) {
   if (message.id !== pickId) return;
-  if (wantsGo) {
-    wantsGo = null;
+  if (message.id === goId) {
     if (!message.hit) return;
     // Flies half the way to the point, which moves to the middle of the picture.
     const eye = mix(camera.eye, message.point, 0.5);
