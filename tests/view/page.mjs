@@ -313,6 +313,22 @@ await check('views stay within the limits of the server', async () => {
   await rests(page);
   assert.equal(await page.evaluate(() => document.documentElement.dataset.state), 'open');
 });
+await check('a fast slider does not send more views than the server accepts, and its last value is drawn', async () => {
+  await page.evaluate(() => {
+    const slider = document.getElementById('edl-strength');
+    window.states = [];
+    new MutationObserver(() => states.push(document.documentElement.dataset.state)).observe(document.documentElement, {attributeFilter: ['data-state']});
+    scree.set({edl: true});
+    for (let i = 1; i <= 400; ++i) {
+      slider.value = i % 2 + 1;
+      slider.dispatchEvent(new Event('input'));
+    }
+  });
+  await isExact(page, 1);
+  assert.deepEqual(await page.evaluate(() => states), []);
+  assert.equal(await page.evaluate(() => scree.settings.edlStrength), 1);
+  await page.evaluate(() => scree.set({edl: false, edlStrength: 1}));
+});
 await check('at most 1000 nodes can be hidden one by one, also after a reconnection', async () => {
   await page.evaluate(() => {
     const {tree} = scree, all = [...Array(1100).keys()];

@@ -53,6 +53,9 @@ function cursorPixel(at = cursor) {
   return x >= 0 && y >= 0 && x < size.width && y < size.height ? {x, y} : {};
 }
 
+/// The time until the next view may be sent, at most 0 if it may be sent now.
+const waitMs = () => kSendMs - (performance.now() - lastSent);
+
 /// To be called when the view has changed. `time`: of the input event. `keepsHover`: the point under the cursor is the
 /// same.
 function changed(time, keepsHover = false) {
@@ -63,7 +66,7 @@ function changed(time, keepsHover = false) {
   clearTimeout(restTimer);
   restTimer = setTimeout(rest, kRestMs);
   if (viewTimer === 0) {
-    const wait = kSendMs - (performance.now() - lastSent);
+    const wait = waitMs();
     if (wait <= 0) sendView();
     else viewTimer = setTimeout(() => { viewTimer = 0; sendView(); }, wait);
   }
@@ -90,7 +93,9 @@ function rest() {
 /// To be called when something other than the camera has changed.
 function refresh() {
   clearTimeout(restTimer);
-  rest();
+  const wait = waitMs();
+  if (wait <= 0) rest();
+  else restTimer = setTimeout(rest, wait);
 }
 
 worker.onmessage = ({data}) => {
