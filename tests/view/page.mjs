@@ -150,6 +150,15 @@ await check('a clipping box cuts as in scree render, by its switch, sliders, han
   assert.deepEqual(dragged.filter((_, side) => side !== 3), cut.filter((_, side) => side !== 3));
   assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye, 'the camera moved too');
   await isExact(page, 1);
+  const fingers = await page.evaluate(() => {
+    const handle = document.querySelector('#marks .handle[data-side="3"]'), {x, y} = handle.getBoundingClientRect(), before = scree.clip().box[3], sides = [];
+    for (const [type, pointerId, moved] of [['down', 11, 0], ['move', 12, 90], ['up', 12, 90], ['move', 11, 30], ['move', 11, 0], ['up', 11, 0], ['move', 11, 90]]) {
+      (type === 'down' ? handle : document.body).dispatchEvent(new PointerEvent(`pointer${type}`, {pointerId, clientX: x + moved, clientY: y, bubbles: true}));
+      sides.push(scree.clip().box[3] !== before);
+    }
+    return sides;
+  });
+  assert.deepEqual(fingers, [false, false, false, true, false, false, false], 'another finger moves the side, or ends the drag');
   const address = await page.evaluate(() => location.hash);
   assert.match(address, /&c=/);
   const other = await open(browser, server.url + '&' + address.slice(1));
