@@ -481,6 +481,14 @@ await check('a double click without a connection does not turn a later click int
   assert.deepEqual(await cut.evaluate(() => scree.camera.eye), eye);
   await cut.context().close();
 });
+await check('a page that the server does not understand waits until it is told to connect', async () => {
+  await page.evaluate(() => scree.send({type: 'nonsense'}));
+  await page.waitForFunction(() => document.documentElement.dataset.state === 'refused');
+  await page.waitForTimeout(400);  // the first retry of other reasons comes after 250 ms
+  assert.equal(await page.evaluate(() => document.documentElement.dataset.state), 'refused');
+  await page.evaluate(() => { document.documentElement.dataset.exact = 0; document.getElementById('cover-button').click(); });
+  await rests(page);
+});
 await check('the server ends in time, and the page reports it', async () => {
   const started = Date.now();
   assert.equal(await server.end(), 0);

@@ -33,7 +33,7 @@ function connect() {
     if (opened !== socket) return;
     const reason = kReasons[code] ?? (isOpen ? 'lost' : 'unreachable');
     tell('state', {state: 'closed', reason, retryMs});
-    if (reason === 'token' || reason === 'full' || !isWanted) return;
+    if (reason === 'token' || reason === 'full' || reason === 'refused' || !isWanted) return;
     retryTimer = setTimeout(connect, retryMs);
     retryMs = Math.min(2 * retryMs, 4000);
   };
