@@ -150,6 +150,15 @@ await check('a clipping box cuts as in scree render, by its switch, sliders, han
   assert.deepEqual(dragged.filter((_, side) => side !== 3), cut.filter((_, side) => side !== 3));
   assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye, 'the camera moved too');
   await isExact(page, 1);
+  const fingers = await page.evaluate(() => {
+    const handle = document.querySelector('#marks .handle[data-side="3"]'), {x, y} = handle.getBoundingClientRect(), before = scree.clip().box[3], sides = [];
+    for (const [type, pointerId, moved] of [['down', 11, 0], ['move', 12, 90], ['up', 12, 90], ['move', 11, 30], ['move', 11, 0], ['up', 11, 0], ['move', 11, 90]]) {
+      (type === 'down' ? handle : document.body).dispatchEvent(new PointerEvent(`pointer${type}`, {pointerId, clientX: x + moved, clientY: y, bubbles: true}));
+      sides.push(scree.clip().box[3] !== before);
+    }
+    return sides;
+  });
+  assert.deepEqual(fingers, [false, false, false, true, false, false, false], 'another finger moves the side, or ends the drag');
   const address = await page.evaluate(() => location.hash);
   assert.match(address, /&c=/);
   const other = await open(browser, server.url + '&' + address.slice(1));
@@ -206,7 +215,7 @@ await check('pictures of another size and for a screen with small pixels are exa
   await isExact(fine, 1);
   await fine.context().close();
 });
-await check('a path file is flown as scree render --path draws it, and other files are refused', async () => {
+await check('a path file is flown as scree render --path draws it, and saved with its fps, and other files are refused', async () => {
   const keys = [{t: 0, eye: [0, 0, 4], target: [0, 0, 0], fov: 20}, {t: 1, eye: [1, 1, 4], target: [0, 0, 0], up: [1, 2, 0], fov: 20},
     {t: 2, matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1], fov: 80, name: 'last but one'}, {t: 3, eye: [0, 0, 3], target: [0.5, 0, 0], fov: 80}];
   const file = {format: 'scree camera path', version: 1, fps: 2, keys};
@@ -234,6 +243,9 @@ await check('a path file is flown as scree render --path draws it, and other fil
     await page.locator('.toast', {hasText: reason}).waitFor();
   }
   assert.equal(await page.evaluate(() => scree.path.keys.length), 4);
+  const [download] = await Promise.all([page.waitForEvent('download'), page.evaluate(() => document.querySelector('[data-do=save-path]').click())]);
+  const saved = JSON.parse(readFileSync(await download.path(), 'utf8'));
+  assert.deepEqual([saved.fps, saved.keys.length], [2, 4]);
 });
 await check('Space acts on the focused control, and otherwise plays the path', async () => {
   const press = async (selector, key) => {
@@ -310,6 +322,22 @@ await check('views stay within the limits of the server', async () => {
   await rests(page);
   assert.equal(await page.evaluate(() => document.documentElement.dataset.state), 'open');
 });
+await check('a fast slider does not send more views than the server accepts, and its last value is drawn', async () => {
+  await page.evaluate(() => {
+    const slider = document.getElementById('edl-strength');
+    window.states = [];
+    new MutationObserver(() => states.push(document.documentElement.dataset.state)).observe(document.documentElement, {attributeFilter: ['data-state']});
+    scree.set({edl: true});
+    for (let i = 1; i <= 400; ++i) {
+      slider.value = i % 2 + 1;
+      slider.dispatchEvent(new Event('input'));
+    }
+  });
+  await isExact(page, 1);
+  assert.deepEqual(await page.evaluate(() => states), []);
+  assert.equal(await page.evaluate(() => scree.settings.edlStrength), 1);
+  await page.evaluate(() => scree.set({edl: false, edlStrength: 1}));
+});
 await check('at most 1000 nodes can be hidden one by one, also after a reconnection', async () => {
   await page.evaluate(() => {
     const {tree} = scree, all = [...Array(1100).keys()];
@@ -353,14 +381,50 @@ await check('a link shows the same view', async () => {
   await page.evaluate(() => scree.set({edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d'}));
   assert.doesNotMatch(await page.evaluate(() => location.hash), /&[bdrs]=/);
 });
-await check('a wrong token is explained, and the right one can be pasted', async () => {
-  const lost = await open(browser, server.url.replace(/token=.*/, `token=${'0'.repeat(32)}`));
+await check('two tabs have the same bookmarks', async () => {
+  const other = await page.context().newPage();
+  await other.goto(server.url.replace(/#.*/, ''));
+  await rests(other);
+  const count = await page.locator('#bookmarks li').count();
+  const haveBoth = async (count) => {
+    for (const tab of [page, other]) await tab.waitForFunction((count) => document.querySelectorAll('#bookmarks li').length === count, count);
+  };
+  await page.keyboard.press('b');
+  await haveBoth(count + 1);
+  await other.keyboard.press('b');
+  await haveBoth(count + 2);
+  await page.evaluate(() => document.querySelector('#bookmarks [title=Remove]').click());
+  await haveBoth(count + 1);
+  await other.close();
+});
+await check('a wrong token is explained, and the right one can be pasted and stays', async () => {
+  const plain = server.url.replace(/#.*/, ''), wrong = `${plain}#token=${'0'.repeat(32)}`;
+  const lost = await open(browser, wrong);
   await lost.waitForSelector('#token-form:visible');
   assert.match(await lost.textContent('#cover'), /token/);
   await lost.fill('#token-input', server.url);
   await lost.click('#token-form button');
   await rests(lost);
+  const hostile = await lost.context().newPage(), later = await lost.context().newPage();
+  await hostile.goto(wrong);
+  await hostile.waitForSelector('#token-form:visible');
+  await later.goto(plain);
+  await rests(later);
   await lost.context().close();
+});
+await check('the page works in a browser that blocks its storage, or has no space left', async () => {
+  for (const block of [() => Object.defineProperty(window, 'localStorage', {get() { throw new DOMException('', 'SecurityError'); }}),
+    () => { Storage.prototype.setItem = () => { throw new DOMException('', 'QuotaExceededError'); }; }]) {
+    const blocked = await open(browser, 'about:blank');
+    await blocked.addInitScript(block);
+    await blocked.goto(server.url);
+    await rests(blocked);
+    await blocked.keyboard.press('b');
+    await blocked.locator('.toast.bad', {hasText: 'does not store'}).waitFor();
+    assert.equal(await blocked.locator('#bookmarks li').count(), 1);
+    assert.deepEqual(blocked.problems, []);
+    await blocked.context().close();
+  }
 });
 await check('a server with another scene: its address in the same tab connects, and the page forgets the old nodes', async () => {
   const served = await serve(program, sunny);
@@ -400,6 +464,30 @@ await check('a broken connection is restored', async () => {
   assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
   await page.evaluate(() => { for (let i = 0; i < 3; ++i) document.getElementById('cover-button').click(); });
   await page.waitForFunction(() => document.getElementById('viewers-count').textContent === '1');
+});
+await check('a double click without a connection does not turn a later click into a flight', async () => {
+  const cut = await open(browser, server.url);
+  await rests(cut);
+  await cut.evaluate(() => {
+    document.documentElement.dataset.exact = 0;
+    scree.drop();
+    for (const type of ['pointerdown', 'pointerup', 'pointerdown', 'pointerup'])
+      document.getElementById('stage').dispatchEvent(new PointerEvent(type, {pointerId: 1, clientX: 300, clientY: 225, bubbles: true}));
+  });
+  await rests(cut);
+  const eye = await cut.evaluate(() => scree.camera.eye);
+  await cut.mouse.click(300, 225);
+  await cut.waitForSelector('#picked dd', {timeout: 5000});
+  assert.deepEqual(await cut.evaluate(() => scree.camera.eye), eye);
+  await cut.context().close();
+});
+await check('a page that the server does not understand waits until it is told to connect', async () => {
+  await page.evaluate(() => scree.send({type: 'nonsense'}));
+  await page.waitForFunction(() => document.documentElement.dataset.state === 'refused');
+  await page.waitForTimeout(400);  // the first retry of other reasons comes after 250 ms
+  assert.equal(await page.evaluate(() => document.documentElement.dataset.state), 'refused');
+  await page.evaluate(() => { document.documentElement.dataset.exact = 0; document.getElementById('cover-button').click(); });
+  await rests(page);
 });
 await check('the server ends in time, and the page reports it', async () => {
   const started = Date.now();

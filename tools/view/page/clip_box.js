@@ -68,10 +68,12 @@ export class ClipBox {
     const [x, y] = this.page.place(at), [stepX, stepY] = this.page.place(at.map((value, k) => value + (k === axis ? step : 0)));
     const along = [(stepX - x) / step, (stepY - y) / step], squared = along[0] ** 2 + along[1] ** 2;
     const move = (event) => {
+      if (event.pointerId !== down.pointerId) return;
       const moved = (event.clientX - down.clientX) * along[0] + (event.clientY - down.clientY) * along[1];
       if (squared > 1e-12) this.moveSide(side, start + moved / squared, event.timeStamp);
     };
-    const end = () => {
+    const end = (event) => {
+      if (event.pointerId !== down.pointerId) return;
       removeEventListener('pointermove', move);
       removeEventListener('pointerup', end);
       removeEventListener('pointercancel', end);

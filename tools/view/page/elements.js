@@ -1,4 +1,4 @@
-// Elements of the page, short messages, the clipboard and files.
+// Elements of the page, short messages, the clipboard, files and the browser's storage.
 import {bytesText} from './stats.js';
 
 export const $ = (id) => document.getElementById(id);
@@ -46,6 +46,16 @@ export async function copy(text, what) {
     toast(document.execCommand('copy') ? `${what} copied.` : text);
     area.remove();
   }
+}
+
+/// A text of the browser's storage; null if there is none, or if the browser blocks the storage.
+export function stored(key) {
+  try { return localStorage.getItem(key); } catch { return null; }
+}
+/// Returns false if the browser blocks its storage, or if the storage is full.
+export function store(key, text) {
+  try { localStorage.setItem(key, text); } catch { return false; }
+  return true;
 }
 
 /// `note`: is added to the message.

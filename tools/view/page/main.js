@@ -3,7 +3,7 @@ import {addressOf, commandOf, kDefaults, readAddress} from './address.js';
 import {alongPath, between, Camera, clamped, kFarthest} from './camera.js';
 import {ClipBox} from './clip_box.js';
 import {Controls} from './controls.js';
-import {$, copy, element, fill, saveFile, toast} from './elements.js';
+import {$, copy, element, fill, saveFile, store, stored, toast} from './elements.js';
 import {coordinateText, lengthText, Overlay} from './overlay.js';
 import {Bookmarks, KeyPath} from './saved_views.js';
 import {bytesText, counted, countText, Stats} from './stats.js';
@@ -53,6 +53,9 @@ function cursorPixel(at = cursor) {
   return x >= 0 && y >= 0 && x < size.width && y < size.height ? {x, y} : {};
 }
 
+/// The time until the next view may be sent, at most 0 if it may be sent now.
+const waitMs = () => kSendMs - (performance.now() - lastSent);
+
 /// To be called when the view has changed. `time`: of the input event. `keepsHover`: the point under the cursor is the
 /// same.
 function changed(time, keepsHover = false) {
@@ -63,7 +66,7 @@ function changed(time, keepsHover = false) {
   clearTimeout(restTimer);
   restTimer = setTimeout(rest, kRestMs);
   if (viewTimer === 0) {
-    const wait = kSendMs - (performance.now() - lastSent);
+    const wait = waitMs();
     if (wait <= 0) sendView();
     else viewTimer = setTimeout(() => { viewTimer = 0; sendView(); }, wait);
   }
@@ -90,7 +93,9 @@ function rest() {
 /// To be called when something other than the camera has changed.
 function refresh() {
   clearTimeout(restTimer);
-  rest();
+  const wait = waitMs();
+  if (wait <= 0) rest();
+  else restTimer = setTimeout(rest, wait);
 }
 
 worker.onmessage = ({data}) => {
@@ -171,10 +176,13 @@ const kStates = {
   full: ['The server is full', 'The server has as many viewers as it allows (--viewers).'],
 };
 
-function setState({state, reason}) {
+let usedToken = '';  // of the newest attempt to connect; the browser keeps it once the server has accepted it
+
+function setState({state, reason, token}) {
   isConnected = state === 'open';
   document.documentElement.dataset.state = reason ?? state;
   if (state === 'connecting') {
+    usedToken = token;
     if (!scene) cover('Connecting', location.host);
     return;
   }
@@ -197,19 +205,17 @@ function cover(title, text, {spin = true, form = false, button = false} = {}) {
 }
 const uncover = () => { $('cover').className = 'gone'; };
 
-function connect(token) {
-  localStorage.setItem(storageKey, token);
-  worker.postMessage({type: 'connect', token});
-}
+const connect = (token) => worker.postMessage({type: 'connect', token});
 $('token-form').addEventListener('submit', (event) => {
   event.preventDefault();
   const token = /[0-9a-f]{32}/.exec($('token-input').value)?.[0];
   if (token) connect(token);
   else toast('There is no token in this text.', true);
 });
-$('cover-button').addEventListener('click', () => connect(localStorage.getItem(storageKey) ?? ''));
+$('cover-button').addEventListener('click', () => connect(usedToken));
 
 function opened(message) {
+  store(storageKey, usedToken);
   const hasOther = (...names) => names.some((name) => scene?.[name] !== message[name]);
   const isFirst = hasOther('file', 'scene'), isOther = isFirst || hasOther('nodes', 'instances', 'triangles');
   scene = message;
@@ -272,10 +278,7 @@ const controls = new Controls(stage, {
     probe(x, y);
   },
   click(x, y, event) { pick(x, y, event.shiftKey); },
-  doubleClick(x, y) {
-    wantsGo = {x, y};
-    pick(x, y, false);
-  },
+  doubleClick(x, y) { pick(x, y, false, true); },
   speed(speed) { toast(`Speed × ${lengthText(speed)}`); },
 });
 
@@ -356,18 +359,18 @@ function drawOverlay() { overlay.draw(camera, stage.clientWidth, stage.clientHei
 
 // --- Picking ---
 
-let wantsGo = null;
+let goId = 0;  // of the newest pick to whose point the camera goes; a pick without a connection is never answered
 
-function pick(x, y, isMeasured) {
+function pick(x, y, isMeasured, goes = false) {
   const at = cursorPixel({x, y});
   if (!scene || at.x === undefined) return;
   overlay.isMeasured = isMeasured;
   send({type: 'pick', id: ++pickId, ...at});
+  if (goes) goId = pickId;
 }
 function picked(message) {
   if (message.id !== pickId) return;
-  if (wantsGo) {
-    wantsGo = null;
+  if (message.id === goId) {
     if (!message.hit) return;
     // Flies half the way to the point, which moves to the middle of the picture.
     const eye = mix(camera.eye, message.point, 0.5);
@@ -674,7 +677,7 @@ addEventListener('hashchange', () => {
   if (token !== null) return connect(token);
   if (scene) goToAddress();
 });
-const token = takeToken() ?? localStorage.getItem(storageKey);
+const token = takeToken() ?? stored(storageKey);
 
 const place = new URL('ws', location.href);
 place.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';

@@ -1,5 +1,5 @@
 // Saved views: bookmarks, which the browser keeps, and the keys of a camera path.
-import {$, fill, saveFile, toast} from './elements.js';
+import {$, fill, saveFile, store, stored, toast} from './elements.js';
 import {kFarthest} from './camera.js';
 import {distance} from './vector.js';
 
@@ -13,8 +13,8 @@ function need(isRight, reason) {
 /// The first member of `object` that is not one of `names`.
 const unknownMember = (object, names) => Object.keys(object).find((name) => !names.includes(name));
 
-/// The keys of a path file, {t, eye, target, up, fov}. Accepts what tools/render/camera_path.cpp accepts, if its keys have
-/// times. Throws an error with a short reason.
+/// Reads a path file: {fps, keys}, where fps is undefined if the file has none, and a key is {t, eye, target, up, fov}.
+/// Accepts what tools/render/camera_path.cpp accepts, if its keys have times. Throws an error with a short reason.
 function readPath(text) {
   let path;
   try { path = JSON.parse(text); } catch { need(false, 'it is not JSON'); }
@@ -30,7 +30,7 @@ function readPath(text) {
   const early = keys.findIndex((key, i) => i > 0 && key.t <= keys[i - 1].t);
   need(early < 0, `key ${early} is not later than the key before`);
   need(keys.at(-1).t * (path.fps ?? 30) < 1e7, 'it has more than 10000000 frames');
-  return keys;
+  return {fps: path.fps, keys};
 }
 function readKey(key) {
   need(key && typeof key === 'object' && !Array.isArray(key), 'is not an object');
@@ -57,27 +57,37 @@ export class Bookmarks {
     this.page = page;
     this.all = [];
     this.at = -1;
+    addEventListener('storage', ({key}) => { if (key === this.key) this.read(key); });  // another tab has changed the list
   }
 
   /// `key`: names the scene in the browser's storage.
   read(key) {
     this.key = key;
-    try { this.all = JSON.parse(localStorage.getItem(key) ?? '[]').filter(isPose); } catch { this.all = []; }
+    this.at = -1;
+    try { this.all = JSON.parse(stored(key) ?? '[]').filter(isPose); } catch { this.all = []; }
     this.show();
   }
   show() {
-    localStorage.setItem(this.key, JSON.stringify(this.all));
     fill($('bookmarks'), this.all.map((bookmark, i) => ({
       text: bookmark.name, pressed: i === this.at, click: () => this.go(i),
-      remove: () => { this.all.splice(i, 1); this.at = -1; this.show(); },
+      remove: () => this.remove(i),
     })), 'none yet: B adds this view');
   }
   add() {
     const number = 1 + Math.max(0, ...this.all.map((bookmark) => Number(/\d+$/.exec(bookmark.name)?.[0] ?? 0)));
     this.at = this.all.push({name: `View ${number}`, ...this.page.pose()}) - 1;
     this.show();
-    toast(`Bookmark “View ${number}”`);
+    const isKept = this.keep();
+    toast(`Bookmark “View ${number}”${isKept ? '' : '; the browser does not store it, so it is lost when the page is closed'}`, !isKept);
   }
+  remove(i) {
+    this.all.splice(i, 1);
+    this.at = -1;
+    this.show();
+    this.keep();
+  }
+  /// Returns false if the browser does not store the list.
+  keep() { return store(this.key, JSON.stringify(this.all)); }
   go(i) {
     if (this.all.length === 0) return toast('No bookmarks yet: B adds this view.');
     this.at = (i + this.all.length) % this.all.length;
@@ -90,6 +100,7 @@ export class KeyPath {
   /// `page`: {pose(), go(pose)}.
   constructor(page) {
     this.page = page;
+    this.fps = undefined;  // of the file that was loaded
     this.keys = [];
     $('path-file').addEventListener('change', ({target}) => this.load(target));
     this.show();
@@ -109,23 +120,25 @@ export class KeyPath {
   }
   /// The first key that is left begins the path.
   remove(i) {
+    if (this.keys.length === 1) return this.clear();
     this.keys.splice(i, 1);
     const [first] = this.keys;
     this.keys = this.keys.map((key) => ({...key, t: key.t - first.t}));
     this.show();
   }
   clear() {
+    this.fps = undefined;
     this.keys = [];
     this.show();
   }
   save(name) {
     if (this.keys.length === 0) return toast('The path has no keys.');
-    saveFile(new Blob([JSON.stringify({format: 'scree camera path', version: 1, keys: this.keys}, null, 1)], {type: 'application/json'}), name);
+    saveFile(new Blob([JSON.stringify({format: 'scree camera path', version: 1, fps: this.fps, keys: this.keys}, null, 1)], {type: 'application/json'}), name);
   }
   async load(input) {
     try {
       need(input.files[0].size <= 16 << 20, 'it has more than 16 MiB');
-      this.keys = readPath(await input.files[0].text());
+      Object.assign(this, readPath(await input.files[0].text()));
       this.show();
     } catch ({message}) {
       toast(`This file holds no path of scree view: ${message}.`, true);

@@ -11,7 +11,7 @@ const kReasons = {4001: 'token', 4002: 'full', 4003: 'refused', 4004: 'slow', 40
 function connect() {
   clearTimeout(retryTimer);
   isWanted = true;
-  tell('state', {state: 'connecting'});
+  tell('state', {state: 'connecting', token});
   socket?.close();
   const opened = socket = new WebSocket(address);
   let isOpen = false;
@@ -33,7 +33,7 @@ function connect() {
     if (opened !== socket) return;
     const reason = kReasons[code] ?? (isOpen ? 'lost' : 'unreachable');
     tell('state', {state: 'closed', reason, retryMs});
-    if (reason === 'token' || reason === 'full' || !isWanted) return;
+    if (reason === 'token' || reason === 'full' || reason === 'refused' || !isWanted) return;
     retryTimer = setTimeout(connect, retryMs);
     retryMs = Math.min(2 * retryMs, 4000);
   };
