@@ -281,7 +281,7 @@ void Hub::run() {
       if (left_bytes_ != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
         const Result<uint64_t> to_come = session_->load_rest(after(kLoading));
         if (!to_come) {
-          on_end_(to_come.error());
+          on_end_(at(options_.file, to_come.error()));
           return end();
         }
         left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // if no chunk was loaded, the GPU is full

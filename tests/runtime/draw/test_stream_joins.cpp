@@ -272,10 +272,10 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
       continue;
     }
     ++refused;
-    check_refusal(device.load_rest(), loaded.error());
-    // Afterwards the scene does not count as loaded.
-    CHECK(device.is_streamed());
-    CHECK(refusal(device.load_rest()).message == loaded.error().message);
+    for (int again = 0; again < 2; ++again) {
+      CHECK(path + ": " + refusal(device.load_rest()).message == loaded.error().message);
+      CHECK(device.is_streamed());  // the scene does not count as loaded
+    }
   }
   CHECK(refused > 3);
   CHECK(!accepted.empty());

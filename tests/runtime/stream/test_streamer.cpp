@@ -430,7 +430,7 @@ TEST_CASE("bad pages end a streamed frame with the same error as loading", "[str
     const auto drawn = refusal(stream->draw_frame(view, nullptr));
     const auto loaded = refusal(scene.load_pages(2));
     CHECK(drawn.code == loaded.code);
-    CHECK(drawn.message == loaded.message);
+    CHECK(folder.file("bad.scree") + ": " + drawn.message == loaded.message);
   }
 }
 
