@@ -369,7 +369,7 @@ await check('a link shows the same view', async () => {
     scree.go({...scree.camera.pose(), eye: [0.1 + 0.2, 1 / 3, 3], fov: 50 / 3});
   });
   await page.waitForFunction(() => location.hash.includes('e=0.30000000000000004'));
-  await rests(page, 2);
+  await rests(page);
   const hash = await page.evaluate(() => location.hash);
   const again = await page.context().newPage();
   await again.goto(server.url.replace(/#.*/, hash));

@@ -50,6 +50,9 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   if (!tools::is_same_file(report.output, options.input))  // check_not_read() refuses that file, even with --force
     SCREE_TRY(tools::check_output_file(report.output, options.existing));
   report.output = format::PartFile::target_of(report.output);
+  std::error_code ignored;
+  if (options.resume && options.on_part && std::filesystem::exists(report.output + ".part", ignored))
+    options.on_part();
   ImportOptions import_options;
   import_options.exclude = options.exclude;
   import_options.allow_outside = options.allow_outside;

@@ -48,7 +48,6 @@ class Converter {
       : options_(options), scene_(scene), files_(files), shards_(shards), progress_(progress), report_(report) {}
 
   Result<void> run() {
-    note_part();
     find_wanted();
     SCREE_TRY(find_masks());
     SCREE_TRY(plan_memory());
@@ -71,7 +70,7 @@ class Converter {
     if (options_.shards > 0) start = cut_shard();
     if (!ahead_) {
       writer_ = SCREE_TRY(open_writer());
-      note_part();
+      if (options_.resume && options_.on_part) options_.on_part();
       // Images come first, so that a damaged image is reported before the geometry is encoded.
       SCREE_TRY(store_images(*writer_));
       written_before_ = writer_->bytes();
@@ -92,13 +91,6 @@ class Converter {
   }
 
  private:
-  /// Reports a .part that --resume can continue.
-  void note_part() const {
-    std::error_code ignored;
-    if (options_.resume && options_.on_part && std::filesystem::exists(report_.output + ".part", ignored))
-      options_.on_part();
-  }
-
   void find_wanted() {
     std::vector<bool> drawn(scene_.groups.size());
     for (const SourceNode& node : scene_.nodes)
