@@ -61,11 +61,13 @@ TEST_CASE("a picture of another size than the drawn frame is not resolved", "[cu
 TEST_CASE("textures that do not fit beside the queues are read page by page", "[cuda][textures]") {
   if (!has_gpu()) return;
   const TempFolder folder;
-  const std::string path = folder.file("a.scree");
-  make_block_model(path, {make_ktx2({.width = 4096, .height = 4096, .levels = 1})});  // 21 MiB with the made levels
+  make_block_model(folder.file("in.glb"), {make_ktx2({.width = 4096, .height = 4096, .levels = 1})});
+  const convert::ConvertOptions options = options_of(folder);
+  must_convert(options);  // 21 MiB with the made levels
   for (const uint64_t budget : {68, 76, 84, 92, 128}) {
     INFO(budget << " MiB");
-    CHECK(LoadedScene::load(must(SceneFile::open(path)), {.on = DrawOn::kGpu, .device_memory = budget << 20}));
+    CHECK(
+        LoadedScene::load(must(SceneFile::open(options.output)), {.on = DrawOn::kGpu, .device_memory = budget << 20}));
   }
 }
 
