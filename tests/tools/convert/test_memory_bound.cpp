@@ -265,7 +265,7 @@ TEST_CASE("convert checks --memory while it reads buffers, lights and data: URIs
   };
   const auto refused = [&](const std::string& members) {
     folder.write("scene.gltf", R"({"asset":{"version":"2.0"},)" + members + "}");
-    return refused_document(folder, "140.0MiB", 400);
+    return refused_document(folder, "140MiB", 400);
   };
   // Records of 64 and 120 bytes, whose vectors double while they grow.
   CHECK(refused(R"("buffers":[)" + list(R"({"byteLength":1})", 2'500'000) + "]") > 160);
