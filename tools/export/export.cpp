@@ -15,6 +15,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "runtime/textures/block_image.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/common/options/command.h"
 #include "tools/common/options/options.h"
 #include "tools/common/output/human.h"
@@ -172,7 +173,7 @@ Result<void> add_images(const format::Container& file, GltfWriter& writer, const
   const std::vector<uint32_t> masks = lost_alphas(file);
   for (uint32_t i = 0; i < images.size(); ++i) {
     const format::ImageCodec codec = exported_codec(images[i].codec, masks[i] != kNone);
-    if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    SCREE_TRY(check_stop(options.stop));
     const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
     const std::string_view name = file.string(images[i].name);
     if (images[i].codec == format::ImageCodec::kBlocks) {

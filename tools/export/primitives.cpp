@@ -13,6 +13,7 @@
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/gltf/box.h"
 
 namespace scree::tools {
@@ -279,8 +280,7 @@ class JobRunner {
   }
 
   Result<void> write(JobWriter& writer, const Job& job, convert::Box& box) const try {
-    if (options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed))
-      return Error{ErrorCode::kFile, "interrupted"};
+    SCREE_TRY(check_stop(options_.stop));
     return writer.write(job, plan_.parts[job.part], box);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "mesh " + std::to_string(plan_.parts[job.part].mesh) + ": out of memory"};

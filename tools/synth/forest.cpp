@@ -10,6 +10,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
@@ -145,13 +146,12 @@ std::vector<Leaf> make_sprig(uint32_t atlas, uint32_t sprig) {
 /// RGBA. A leaf's edge is one texel wide, and transparent texels have a leaf's colour. Error kFile "interrupted".
 Result<std::vector<uint8_t>> make_atlas(uint32_t atlas, const SynthOptions& options) {
   const uint32_t size = *options.texture_size;
-  const auto is_stopped = [&] { return options.stop != nullptr && options.stop->load(std::memory_order_relaxed); };
   std::vector<std::vector<Leaf>> sprigs;
   for (uint32_t i = 0; i < kCells * kCells; ++i) sprigs.push_back(make_sprig(atlas, i));
   const uint32_t cell = size / kCells;
   std::vector<uint8_t> rgba(size_t{4} * size * size);
   runtime::parallel_for(size, thread_count(options.threads, size), [&](uint64_t y) {
-    if (is_stopped()) return;
+    if (tools::is_stopped(options.stop)) return;
     for (uint32_t x = 0; x < size; ++x) {
       const std::vector<Leaf>& leaves = sprigs[y / cell * kCells + x / cell];
       const double px = (x % cell + 0.5) / cell, py = (static_cast<double>(y % cell) + 0.5) / cell;
@@ -179,7 +179,7 @@ Result<std::vector<uint8_t>> make_atlas(uint32_t atlas, const SynthOptions& opti
       out[3] = static_cast<uint8_t>(255 * alpha + 0.5);
     }
   });
-  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
+  SCREE_TRY(tools::check_stop(options.stop));
   return rgba;
 }
 

@@ -9,6 +9,7 @@
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/gltf/write/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
@@ -51,7 +52,7 @@ Result<uint32_t> add_streaks(GltfWriter& writer, const SynthOptions& options) {
   std::vector<uint8_t> rgba;
   rgba.reserve(uint64_t{4} * size * size);
   for (uint32_t y = 0; y < size; ++y) {
-    if (options.stop != nullptr && options.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    SCREE_TRY(tools::check_stop(options.stop));
     for (uint32_t x = 0; x < size; ++x) {
       const double u = 2 * std::numbers::pi * x / size;
       const double v = 2 * std::numbers::pi * y / size;

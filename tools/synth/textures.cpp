@@ -8,6 +8,7 @@
 
 #include "runtime/images/jpeg_writer.h"
 #include "runtime/threads/parallel.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
 
@@ -193,9 +194,8 @@ Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t s
 Result<std::vector<uint8_t>> make_texture(TextureKind kind, uint32_t size, uint32_t threads,
                                           const std::atomic<bool>* stop) {
   std::vector<uint8_t> rgb(uint64_t{size} * size * 3);
-  const auto is_stopped = [&] { return stop != nullptr && stop->load(std::memory_order_relaxed); };
   runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
-    if (is_stopped()) return;
+    if (tools::is_stopped(stop)) return;
     for (uint64_t x = 0; x < size; ++x) {
       const Color color = texel(kind, (static_cast<double>(x) + 0.5) / size, (static_cast<double>(y) + 0.5) / size);
       uint8_t* out = &rgb[(y * size + x) * 3];
@@ -204,7 +204,7 @@ Result<std::vector<uint8_t>> make_texture(TextureKind kind, uint32_t size, uint3
       out[2] = to_byte(color.b);
     }
   });
-  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
+  SCREE_TRY(tools::check_stop(stop));
   return rgb;
 }
 

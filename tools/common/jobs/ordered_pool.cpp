@@ -1,4 +1,5 @@
 #include "tools/common/jobs/ordered_pool.h"
+#include "tools/common/jobs/stop_flag.h"
 
 #include <algorithm>
 #include <chrono>
@@ -81,8 +82,7 @@ void WorkerPool::submit(std::function<void(uint32_t worker)> job, bool urgent) {
 Result<void> WorkerPool::wait(const std::function<bool()>& done) {
   std::unique_lock<std::mutex> hold(impl_->lock);
   for (;;) {
-    if (impl_->stop != nullptr && impl_->stop->load(std::memory_order_relaxed))
-      return Error{ErrorCode::kFile, "interrupted"};
+    SCREE_TRY(tools::check_stop(impl_->stop));
     if (done()) return {};
     // A signal handler can only set the flag, so the flag is tested from time to time.
     impl_->job_done.wait_for(hold, std::chrono::milliseconds(50));

@@ -17,6 +17,7 @@
 #include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
 #include "tools/common/jobs/prepare_ahead.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/convert/images/jpeg_file.h"
 #include "tools/convert/images/jpeg_levels.h"
 #include "tools/convert/images/jpeg_transcode.h"
@@ -368,9 +369,8 @@ runtime::ImageFile image_head(const SourceImage& image) {
 Result<uint64_t> largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads,
                                      const std::atomic<bool>* stop) {
   std::atomic<uint64_t> largest = 0;
-  const auto is_stopped = [&] { return stop != nullptr && stop->load(std::memory_order_relaxed); };
   runtime::parallel_for(scene.images.size(), threads, [&](uint64_t i) {
-    if (is_stopped()) return;
+    if (tools::is_stopped(stop)) return;
     const SourceImage& image = scene.images[i];
     if (image.bytes > kMaxImageBytes) return;  // refused later, like pictures with too many pixels
     const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_head(image));
@@ -378,7 +378,7 @@ Result<uint64_t> largest_image_bytes(const SourceScene& scene, const ImageOption
     const uint64_t bytes = std::max(check_cost(image, info, options), store_cost(image, *info, options));
     for (uint64_t most = largest; bytes > most && !largest.compare_exchange_weak(most, bytes);) continue;
   });
-  if (is_stopped()) return Error{ErrorCode::kFile, "interrupted"};
+  SCREE_TRY(tools::check_stop(stop));
   return largest.load();
 }
 

@@ -12,6 +12,7 @@
 #include "format/container/container.h"
 #include "format/fail.h"
 #include "runtime/files/mapped_file.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/common/output/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
@@ -210,7 +211,7 @@ class Converter {
         progress_.update(done, writer_->bytes());
         window = {};
       }
-      if (options_.stop != nullptr && options_.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+      SCREE_TRY(tools::check_stop(options_.stop));
     }
     if (number != windows.size())
       return fail(ErrorCode::kFormat, shards_->files.back().map.path(), ": its shards have ", number, " of ",

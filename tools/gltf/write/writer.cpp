@@ -13,6 +13,7 @@
 #include "format/bytes.h"
 #include "format/container/part_file.h"
 #include "format/text.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/common/options/options.h"
 #include "tools/common/output/output_file.h"
 #include "tools/gltf/write/replacement.h"
@@ -148,10 +149,7 @@ struct GltfWriter::State {
   std::string image_file_name(std::string_view name, format::ImageCodec codec, TakenNames& taken) const {
     return file_name(safe_name(name, codec == format::ImageCodec::kBlocks), file_extension(codec), taken);
   }
-  Result<void> check_stop() const {
-    if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
-    return {};
-  }
+  Result<void> check_stop() const { return tools::check_stop(stop); }
   /// The document's offset in the file.
   uint64_t document_start() const {
     return !glb ? 0 : is_version_3 ? 2 * kGlbWideHeaderBytes : kGlbHeaderBytes + kGlbChunkHeaderBytes;
