@@ -61,18 +61,20 @@ LevelPlace block_level_place(const format::Container& container, uint32_t image,
   return {stored.page, stored.offset, format::block_rows(record, level)};
 }
 
-Result<void> load_block_level(const format::Container& container, uint32_t image, uint32_t level,
-                              std::span<std::byte> out) {
-  const auto [first, offset, rows] = block_level_place(container, image, level);
+Result<void> BlockLevels::read(uint32_t image, uint32_t level, std::span<std::byte> out) {
+  const auto [first, offset, rows] = block_level_place(container_, image, level);
   const std::string place = "level " + std::to_string(level);
-  if (container.pages()[first].raw_bytes != rows.page_bytes(0)) {  // the page holds more
-    std::vector<std::byte> scratch;
-    const auto page = SCREE_TRY_AT(place, container.load_page(first, scratch));
-    std::copy_n(page.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+  if (container_.pages()[first].raw_bytes != rows.page_bytes(0)) {  // the page holds more
+    if (shared_page_ != first) {
+      shared_page_ = format::kNone;
+      shared_ = SCREE_TRY_AT(place, container_.load_page(first, unpacked_));
+      shared_page_ = first;
+    }
+    std::copy_n(shared_.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
     return {};
   }
   for (uint32_t i = 0; i < rows.pages(); ++i) {
-    SCREE_TRY_AT(place, load_page_into(container, first + i, out.first(rows.page_bytes(i))));
+    SCREE_TRY_AT(place, load_page_into(container_, first + i, out.first(rows.page_bytes(i))));
     out = out.subspan(rows.page_bytes(i));
   }
   return {};
@@ -81,7 +83,7 @@ Result<void> load_block_level(const format::Container& container, uint32_t image
 Result<Image> decode_block_image(const format::Container& container, uint32_t image) {
   const format::ImageRecord& record = container.images()[image];
   std::vector<std::byte> blocks(format::block_rows(record, 0).bytes());
-  SCREE_TRY(load_block_level(container, image, 0, blocks));
+  SCREE_TRY(BlockLevels(container).read(image, 0, blocks));
   return decode_level(record, 0, blocks.data());
 }
 
@@ -97,17 +99,18 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
     bytes += format::align_up(format::block_rows(record, level).bytes(), format::kChunkAlignment);
   }
   texture.blocks_.resize(bytes);
+  BlockLevels levels(container);
   for (uint32_t level = first; level <= record.level_count; ++level) {
     const std::span<std::byte> out =
         std::span(texture.blocks_).subspan(texture.offsets_[level], format::block_rows(record, level).bytes());
-    SCREE_TRY(load_block_level(container, image, level, out));
+    SCREE_TRY(levels.read(image, level, out));
   }
   const Size last = size_of(record, record.level_count);
   if (last.width == 1 && last.height == 1) return texture;
   std::vector<std::byte> of_last;
   if (first > record.level_count) {
     of_last.resize(format::block_rows(record, record.level_count).bytes());
-    SCREE_TRY(load_block_level(container, image, record.level_count, of_last));
+    SCREE_TRY(levels.read(image, record.level_count, of_last));
   }
   Image picture =
       SCREE_TRY_AT("level " + std::to_string(record.level_count),

@@ -62,9 +62,21 @@ LevelPlace block_level_place(const format::Container& container, uint32_t image,
 /// Checks a page and unpacks it to `raw`, which has raw_bytes. Errors as Container::load_page.
 Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw);
 
-/// The blocks of a stored level: BlockRows::bytes() of them. Errors as Container::load_page, with the level.
-Result<void> load_block_level(const format::Container& container, uint32_t image, uint32_t level,
-                              std::span<std::byte> out);
+/// Reads stored levels of block images. `container` must outlive this.
+class BlockLevels {
+ public:
+  explicit BlockLevels(const format::Container& container) : container_(container) {}
+
+  /// The blocks of a level: BlockRows::bytes() of them. A page that holds several levels is checked and unpacked once
+  /// if these are read one after the other. Errors as Container::load_page, with the level.
+  Result<void> read(uint32_t image, uint32_t level, std::span<std::byte> out);
+
+ private:
+  const format::Container& container_;
+  uint32_t shared_page_ = format::kNone;  // the last page that held several levels
+  std::span<const std::byte> shared_;     // its bytes, in the file's map or unpacked_
+  std::vector<std::byte> unpacked_;
+};
 
 /// Level 0 as a picture. Errors as BlockTexture::load; kRange: more than kMaxImagePixels. Throws std::bad_alloc.
 Result<Image> decode_block_image(const format::Container& container, uint32_t image);

@@ -19,7 +19,8 @@
 namespace scree::bench {
 namespace {
 
-/// Bytes of the file, except geometry that the scene does not draw.
+/// The bytes of the file that loading reads: all but geometry that the scene does not draw, and pages of textures that
+/// are read once pixels show them.
 uint64_t read_bytes(const runtime::Scene& scene) {
   uint64_t bytes = scene.file().map().size();
   for (uint64_t i = 0; i < scene.container().pages().size(); ++i) {
@@ -27,6 +28,8 @@ uint64_t read_bytes(const runtime::Scene& scene) {
     if (page.kind == format::PageKind::kGeometry) bytes -= page.stored_bytes;
   }
   for (uint64_t i = 0; i < scene.drawn_pages().size(); ++i) bytes += scene.drawn_pages().record(i).stored_bytes;
+  if (const runtime::BlockPager* const pager = scene.block_pager())
+    for (const uint32_t page : pager->file_pages()) bytes -= scene.container().pages()[page].stored_bytes;
   return bytes;
 }
 

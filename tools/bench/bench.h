@@ -31,7 +31,7 @@ struct LoadResult {
   double cached_share = 0;  // cached share of the file before its loads: the largest for cold loads, else the smallest
   Times load;               // ms, from opening the file until the scene is checked and ready to be drawn
   Times first_picture;      // the same, and the time until the first shaded picture
-  uint64_t read_bytes = 0;  // the file, except geometry that the scene does not draw
+  uint64_t read_bytes = 0;  // without geometry that is not drawn, and without pages of textures that pixels ask for
   uint64_t device_bytes = 0;
 
   double gb_per_s() const { return static_cast<double>(read_bytes) * 1e-6 / load.median; }

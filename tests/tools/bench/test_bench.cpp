@@ -5,6 +5,8 @@
 
 #include "tests/csv.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/tools/block_model.h"
+#include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/run_program.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/file_cache.h"
@@ -113,6 +115,20 @@ TEST_CASE("bench: a file's loads and frames are measured on the CPU", "[bench_to
   BenchOptions options = small_options();
   options.cameras = {"nowhere"};
   CHECK(refusal(measure_file(path, options, false)).message.find("nowhere") != std::string::npos);
+}
+
+TEST_CASE("bench: pages of textures that loading leaves in the file are not counted as read", "[bench_tool]") {
+  const TempFolder folder;
+  tests::make_block_model(folder.file("in.glb"), tests::large_block_files());
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = 1 << 30});
+  REQUIRE(scene.block_pager() != nullptr);
+  uint64_t left = 0;
+  for (const uint32_t page : scene.block_pager()->file_pages()) left += scene.container().pages()[page].stored_bytes;
+  CHECK(left > 1'000'000);
+  const FileResult file = must(measure_file(options.output, small_options(), false));
+  for (const LoadResult& load : file.loads) CHECK(load.read_bytes == file.file_bytes - left);
 }
 
 TEST_CASE("bench: the report has the file's loads and frames", "[bench_tool]") {

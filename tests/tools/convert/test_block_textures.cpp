@@ -33,7 +33,7 @@ namespace {
 
 std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
   std::vector<std::byte> blocks(format::block_rows(file.images()[image], level).bytes());
-  must(runtime::load_block_level(file, image, level, blocks));
+  must(runtime::BlockLevels(file).read(image, level, blocks));
   return blocks;
 }
 
@@ -101,11 +101,19 @@ TEST_CASE("a large level lies in several pages, small ones share one", "[block_t
   CHECK(pages_of(2, 0) == Pages{10, 1});
   CHECK(pages_of(2, 1) == Pages{11, 1});
   for (uint32_t l = 2; l < 11; ++l) CHECK(pages_of(2, l) == Pages{12, 1});
-  for (uint32_t i = 0; i < 3; ++i) {
-    const BlockRecipe& recipe = i == 0 ? tall : i == 1 ? plain : exact;
-    for (uint32_t l = 0; l <= images[i].level_count; ++l)
-      CHECK(stored_blocks(packed.file, i, l) == tests::level_blocks(recipe, l));
-  }
+  runtime::BlockLevels in_turn(packed.file);  // keeps the last shared page
+  for (const bool backwards : {false, true})
+    for (uint32_t i = 0; i < 3; ++i) {
+      const BlockRecipe& recipe = i == 0 ? tall : i == 1 ? plain : exact;
+      for (uint32_t l = 0; l <= images[i].level_count; ++l) {
+        const uint32_t level = backwards ? images[i].level_count - l : l;
+        const std::vector<std::byte> expected = stored_blocks(packed.file, i, level);
+        CHECK(expected == tests::level_blocks(recipe, level));
+        std::vector<std::byte> blocks(expected.size());
+        must(in_turn.read(i, level, blocks));
+        CHECK(blocks == expected);
+      }
+    }
 }
 
 TEST_CASE("pages of blocks are compressed if that saves bytes, unless --zstd decides", "[block_textures]") {
