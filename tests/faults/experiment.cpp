@@ -101,6 +101,14 @@ void Experiment::stay_here() const {
 
 Run Experiment::run_here(const Plan& plan) const {
   lay_out();
+  return call_here(plan);
+}
+
+Run Experiment::run_again_here() const {
+  return call_here({});
+}
+
+Run Experiment::call_here(const Plan& plan) const {
   if (::ftruncate(STDERR_FILENO, 0) != 0) ::_exit(99);
   Run run{.code = call(plan)};
   ::alarm(0);

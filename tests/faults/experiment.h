@@ -40,6 +40,7 @@ class Experiment {
   /// Called after stay_here(). If the process ends instead of returning, the parent gets the rest of the run from
   /// end_of().
   Run run_here(const Plan& plan) const;
+  Run run_again_here() const;
   Run end_of(int status) const;
 
   std::vector<std::string> earlier_outputs() const;
@@ -51,6 +52,7 @@ class Experiment {
   std::string log() const { return path("stderr.txt"); }
   std::string part_path() const { return path(outputs_.front().front() + ".part"); }
   Run run_in_place(const Plan& plan) const;
+  Run call_here(const Plan& plan) const;
   void lay_out() const;
   /// Whether outputs exist before a run. False for commands without --force, which would refuse them.
   bool has_earlier() const;

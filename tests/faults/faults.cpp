@@ -10,8 +10,6 @@
 namespace scree::faults {
 namespace {
 
-constexpr uint64_t kMaxSites = 1 << 16;
-
 struct Shared {
   std::atomic<bool> is_armed;
   std::atomic<bool> is_counting;  // plan.from has been reached

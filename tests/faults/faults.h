@@ -9,6 +9,8 @@
 
 namespace scree::faults {
 
+inline constexpr uint64_t kMaxSites = 1 << 16;
+
 enum class Kind : uint32_t {
   kFile,    // open, read, write, map, rename, ...
   kMemory,  // malloc and operator new, and threads

@@ -7,7 +7,8 @@
 // - OUTPUTS: files in FOLDER, separated by commas. A + joins outputs that belong together. A leading ~ means that
 //   successful runs may differ.
 // - -j N: number of parallel runs, each in a copy of FOLDER.
-// - -p: many runs in one process, for programs with a slow start, as on a GPU.
+// - -p: many runs in one process, which takes less time than a process per run. A call site that a run did not reach,
+//   because a process reaches it only once, is tested again in a process of its own.
 // - -s N: number of runs without a failure that find the call sites.
 // - -r: each run begins with the .part of the interrupted run that got farthest, and may leave a .part when it fails.
 //   Then the command runs again, and has to write the output of a run without a failure.
@@ -112,6 +113,8 @@ struct Progress {
   std::atomic<uint64_t> most;  // most calls of any run without a failure
   std::atomic<uint64_t> refused, borne;
   std::atomic<uint64_t> missed, wrong;
+  std::atomic<uint64_t> missed_sites;
+  uint64_t missed_site[faults::kMaxSites];  // the first `missed_sites`
 };
 
 template <class T>
@@ -144,10 +147,13 @@ class Worker {
       const std::string failed = faults::failed_call();
       // The state that a failed run left in this process must not affect further runs.
       if (!judge(run) && options_.one_process) return;
+      if (failed.empty() && plan->site != 0) miss(plan->site);
       if (!options_.resumes || run.code == 0) continue;
-      const faults::Run again = experiment_.run_again();
-      if (const std::string fault = fault_of(again, expected_, ""); !fault.empty())
-        print_failure(failed + " failed before, and then", fault, again);
+      const faults::Run again = options_.one_process ? experiment_.run_again_here() : experiment_.run_again();
+      const std::string fault = fault_of(again, expected_, "");
+      if (fault.empty()) continue;
+      print_failure(failed + " failed before, and then", fault, again);
+      if (options_.one_process) return;
     }
   }
 
@@ -169,6 +175,11 @@ class Worker {
       plan.number = number + 1;
     }
     return plan;
+  }
+
+  void miss(uint64_t site) {
+    const uint64_t place = progress_.missed_sites++;
+    if (place < faults::kMaxSites) progress_.missed_site[place] = site;
   }
 
   bool judge(const faults::Run& run) {
@@ -321,6 +332,16 @@ int main(int argc, char** argv) {
                   : options.which == "all"   ? calls
                                              : sites.size();
   run_all(options, sites, expected, progress, part);
+  if (options.one_process && progress.missed_sites != 0) {
+    Options alone = options;
+    alone.one_process = false;
+    alone.step = 1;
+    const uint64_t count = std::min(progress.missed_sites.load(), faults::kMaxSites);
+    const std::vector<uint64_t> missed(progress.missed_site, progress.missed_site + count);
+    progress.missed = progress.next = 0;
+    progress.most = missed.size();
+    run_all(alone, missed, expected, progress, part);
+  }
   const auto count = [](const std::atomic<uint64_t>& value) { return static_cast<unsigned long long>(value); };
   std::printf("%s: %llu calls from %zu sites; %llu failed: %llu refused, %llu borne, %llu not met, %llu wrong\n",
               command, static_cast<unsigned long long>(calls), sites.size(), count(progress.refused + progress.borne),
