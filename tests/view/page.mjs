@@ -32,6 +32,11 @@ const differs = (a, b) => {
   for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) ++count;
   return count;
 };
+/// The address of the view; the page writes it every 350 ms at most.
+const addressOf = async (page) => {
+  await page.waitForTimeout(500);
+  return page.evaluate(() => location.hash);
+};
 /// Checks that the picture at rest equals the picture of the command that the page copies to the clipboard.
 async function isExact(page, samples) {
   await page.evaluate((samples) => scree.set({samples}), samples);
@@ -159,7 +164,7 @@ await check('a clipping box cuts as in scree render, by its switch, sliders, han
     return sides;
   });
   assert.deepEqual(fingers, [false, false, false, true, false, false, false], 'another finger moves the side, or ends the drag');
-  const address = await page.evaluate(() => location.hash);
+  const address = await addressOf(page);
   assert.match(address, /&c=/);
   const other = await open(browser, server.url + '&' + address.slice(1));
   await rests(other);
@@ -187,7 +192,7 @@ await check('the sun casts the shadows of scree render, by its switch and by the
   const shadowed = await pixels(lit);
   assert.ok(differs(before.bytes, shadowed.bytes) > 300, 'no shadows');
   assert.match(await lit.evaluate(() => scree.command()), /--light scene --exposure -0.5 --blend-layers 3 --shadows/);
-  const address = await lit.evaluate(() => location.hash);
+  const address = await addressOf(lit);
   assert.match(address, /o=shadows/);
   const other = await open(browser, served.url + '&' + address.slice(1), small);
   await rests(other);
@@ -370,7 +375,7 @@ await check('a link shows the same view', async () => {
   });
   await page.waitForFunction(() => location.hash.includes('e=0.30000000000000004'));
   await rests(page);
-  const hash = await page.evaluate(() => location.hash);
+  const hash = await addressOf(page);
   const again = await page.context().newPage();
   await again.goto(server.url.replace(/#.*/, hash));
   await rests(again);
@@ -379,7 +384,7 @@ await check('a link shows the same view', async () => {
   assert.equal(await again.inputValue('#show'), await page.inputValue('#show'));
   await again.close();
   await page.evaluate(() => scree.set({edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d'}));
-  assert.doesNotMatch(await page.evaluate(() => location.hash), /&[bdrs]=/);
+  assert.doesNotMatch(await addressOf(page), /&[bdrs]=/);
 });
 await check('two tabs have the same bookmarks', async () => {
   const other = await page.context().newPage();

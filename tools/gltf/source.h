@@ -15,6 +15,7 @@
 
 #include "format/layout.h"
 #include "format/result.h"
+#include "tools/common/jobs/stop_flag.h"
 #include "tools/gltf/box.h"
 
 namespace scree::convert {
@@ -284,10 +285,7 @@ struct ImportOptions {
   const std::atomic<bool>* stop = nullptr;  // if set, the import ends with kFile "interrupted"
 
   /// The import tests this between its steps.
-  Result<void> check_stop() const {
-    if (stop != nullptr && stop->load(std::memory_order_relaxed)) return Error{ErrorCode::kFile, "interrupted"};
-    return {};
-  }
+  Result<void> check_stop() const { return tools::check_stop(stop); }
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),

@@ -88,7 +88,7 @@ function rest() {
   viewTimer = 0;
   inputTime = null;
   sendView();
-  writeAddress();
+  writeAddressSoon();
 }
 /// To be called when something other than the camera has changed.
 function refresh() {
@@ -516,8 +516,17 @@ $('z-up').addEventListener('change', (event) => {
 
 // --- Saved views: address, command, bookmarks, paths ---
 
+// Browsers refuse changes of the address that come too often: Safari more than 100 in 30 s.
+const kAddressMs = 350;
+let addressTimer = 0, addressTime = -Infinity;
 function writeAddress() {
+  clearTimeout(addressTimer);
+  addressTime = performance.now();
   if (scene) history.replaceState(null, '', `#${addressOf(camera.pose(), settings, clip)}`);
+}
+function writeAddressSoon() {
+  clearTimeout(addressTimer);
+  addressTimer = setTimeout(writeAddress, Math.max(0, addressTime + kAddressMs - performance.now()));
 }
 /// Sets the view of the newest address, once, and shows the camera and all settings.
 function goToAddress() {
