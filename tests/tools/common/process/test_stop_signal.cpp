@@ -5,6 +5,8 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -26,12 +28,24 @@ bool has_entry(const TempFolder& folder, const std::string& begin) {
   return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return name.starts_with(begin); });
 }
 
-/// Stops the program once `is_ready` returns true, and checks that the signal ends it soon. Returns its output.
+/// Whether a process runs the program and catches the signal. Until its command begins, a signal ends it silently.
+bool catches(pid_t process, const char* program, int signal) {
+  const std::string place = "/proc/" + std::to_string(process);
+  std::error_code error;
+  if (!std::filesystem::equivalent(place + "/exe", program, error)) return false;
+  const std::string status = read_whole(place + "/status");
+  const size_t caught = status.find("SigCgt:");
+  return caught != std::string::npos &&
+         (std::strtoull(status.c_str() + caught + 7, nullptr, 16) >> (signal - 1) & 1) != 0;
+}
+
+/// Stops the program once its command has begun and `is_ready` returns true, and checks that the signal ends it soon.
+/// Returns its output.
 template <class IsReady>
-std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready,
+std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, IsReady is_ready,
                  const char* program = kProgram) {
   const pid_t child = start_program(words, log, program);
-  REQUIRE(wait_until(is_ready));
+  REQUIRE(wait_until([&] { return catches(child, program, signal) && is_ready(); }));
   kill(child, signal);
   const auto stopped = Clock::now();
   const int status = wait_for(child);
@@ -40,6 +54,14 @@ std::string stop(const std::vector<std::string>& words, const std::string& log, 
   REQUIRE(WIFSIGNALED(status));
   CHECK(WTERMSIG(status) == signal);
   return read_whole(log);
+}
+
+/// For stop(): true once the command has run for a while.
+auto has_run(std::chrono::milliseconds time) {
+  return [time, begin = std::optional<Clock::time_point>()]() mutable {
+    if (!begin) begin = Clock::now();
+    return Clock::now() - *begin > time;
+  };
 }
 
 TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
@@ -71,14 +93,11 @@ TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
   const std::string model = data_path("textured_cube.glb").string();
   const std::string packed = outside.file("cube.scree");
   REQUIRE(run_program({"convert", model, "-o", packed, "--source-ids"}, log).exit_code == 0);
-  auto start = Clock::now();
-  const auto is_drawing = [&] { return Clock::now() - start > std::chrono::milliseconds(300); };
   CHECK(stop({"render", packed, "-o", folder.file("cube.png"), "--backend", "cpu", "--frames", "1000000"}, log, SIGTERM,
-             is_drawing) == "scree render: stopped; nothing written\n");
+             has_run(std::chrono::milliseconds(300))) == "scree render: stopped; nothing written\n");
   CHECK(folder.names().empty());
-  start = Clock::now();
   CHECK(stop({"compare", packed, model, "-o", folder.file("cube.png"), "--size", "8192x8192"}, log, SIGINT,
-             is_drawing) == "scree compare: stopped; nothing written\n");
+             has_run(std::chrono::milliseconds(300))) == "scree compare: stopped; nothing written\n");
   CHECK(folder.names().empty());
 }
 
@@ -98,10 +117,8 @@ TEST_CASE("a signal stops convert while it reads the document", "[stop]") {
   std::string buffers = R"({"byteLength":1})";
   for (uint32_t i = 0; i < 1'500'000; ++i) buffers += R"(,{"byteLength":1})";  // half a minute with sanitizers
   const std::string model = outside.write("buffers.gltf", R"({"asset":{"version":"2.0"},"buffers":[)" + buffers + "]}");
-  const auto start = Clock::now();
-  const auto is_reading = [&] { return Clock::now() - start > std::chrono::milliseconds(500); };
   CHECK(stop({"convert", model, "-o", folder.file("buffers.scree"), "--quiet"}, outside.file("log"), SIGINT,
-             is_reading) == "scree convert: stopped; nothing written\n");
+             has_run(std::chrono::milliseconds(500))) == "scree convert: stopped; nothing written\n");
   CHECK(folder.names().empty());
 }
 
