@@ -73,10 +73,11 @@ std::string Experiment::left_part() const {
 }
 
 Run Experiment::run_in_place(const Plan& plan) const {
+  if (stays_here_) return run_here(plan);
   std::fflush(nullptr);
   const pid_t child = ::fork();
   if (child == 0) {
-    stay_here();
+    redirect();
     std::exit(call(plan));  // ASan's build checks for leaks here
   }
   if (child < 0) {
@@ -89,7 +90,12 @@ Run Experiment::run_in_place(const Plan& plan) const {
   return end_of(status);
 }
 
-void Experiment::stay_here() const {
+void Experiment::stay_here() {
+  redirect();
+  stays_here_ = true;
+}
+
+void Experiment::redirect() const {
   const int errors = ::open(log().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND, 0666);
   const int nothing = ::open("/dev/null", O_WRONLY);
   if (errors < 0 || nothing < 0 || ::dup2(errors, STDERR_FILENO) < 0 || ::dup2(nothing, STDOUT_FILENO) < 0 ||
@@ -100,15 +106,6 @@ void Experiment::stay_here() const {
 }
 
 Run Experiment::run_here(const Plan& plan) const {
-  lay_out();
-  return call_here(plan);
-}
-
-Run Experiment::run_again_here() const {
-  return call_here({});
-}
-
-Run Experiment::call_here(const Plan& plan) const {
   if (::ftruncate(STDERR_FILENO, 0) != 0) ::_exit(99);
   Run run{.code = call(plan)};
   ::alarm(0);

@@ -25,9 +25,9 @@ class Experiment {
  public:
   Experiment(std::string folder, std::vector<std::vector<std::string>> outputs, std::vector<std::string> words);
 
-  /// Runs in a separate process.
+  /// Runs in a separate process, or in this one after stay_here().
   Run run(const Plan& plan) const;
-  /// Runs the command once more without a failure, on the files that the last run left.
+  /// Runs the command once more without a failure, on the files that the last run left. Likewise.
   Run run_again() const;
 
   /// From now on each run begins with `bytes` as the .part of its first output, as if a killed run had left it.
@@ -35,12 +35,9 @@ class Experiment {
   /// The .part that the last run left; empty if there is none.
   std::string left_part() const;
 
-  /// From now on, runs happen in this process, with its output in the command's output files.
-  void stay_here() const;
-  /// Called after stay_here(). If the process ends instead of returning, the parent gets the rest of the run from
-  /// end_of().
-  Run run_here(const Plan& plan) const;
-  Run run_again_here() const;
+  /// From now on, runs happen in this process, with its output in the command's output files. If the process ends
+  /// instead of returning from a run, the parent gets the rest of it from end_of().
+  void stay_here();
   Run end_of(int status) const;
 
   std::vector<std::string> earlier_outputs() const;
@@ -52,7 +49,8 @@ class Experiment {
   std::string log() const { return path("stderr.txt"); }
   std::string part_path() const { return path(outputs_.front().front() + ".part"); }
   Run run_in_place(const Plan& plan) const;
-  Run call_here(const Plan& plan) const;
+  Run run_here(const Plan& plan) const;
+  void redirect() const;
   void lay_out() const;
   /// Whether outputs exist before a run. False for commands without --force, which would refuse them.
   bool has_earlier() const;
@@ -63,6 +61,7 @@ class Experiment {
   std::vector<std::vector<std::string>> outputs_;
   std::vector<std::string> words_;
   std::string part_;
+  bool stays_here_ = false;
 };
 
 /// The results that a run must have.

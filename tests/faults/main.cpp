@@ -143,13 +143,13 @@ class Worker {
   void work() {
     if (options_.one_process) experiment_.stay_here();
     while (const std::optional<faults::Plan> plan = next_plan()) {
-      const faults::Run run = options_.one_process ? experiment_.run_here(*plan) : experiment_.run(*plan);
+      const faults::Run run = experiment_.run(*plan);
       const std::string failed = faults::failed_call();
       // The state that a failed run left in this process must not affect further runs.
       if (!judge(run) && options_.one_process) return;
       if (failed.empty() && plan->site != 0) miss(plan->site);
       if (!options_.resumes || run.code == 0) continue;
-      const faults::Run again = options_.one_process ? experiment_.run_again_here() : experiment_.run_again();
+      const faults::Run again = experiment_.run_again();
       const std::string fault = fault_of(again, expected_, "");
       if (fault.empty()) continue;
       print_failure(failed + " failed before, and then", fault, again);
