@@ -28,9 +28,19 @@ void release_aligned(void* memory) {
   ::operator delete (memory, std::align_val_t{64});
 }
 
+void* Scratch::room(uint64_t bytes) {
+  if (bytes > bytes_) {
+    release_aligned(memory_);
+    bytes_ = std::max(bytes, 2 * bytes_);
+    memory_ = allocate_aligned(bytes_);
+    if (memory_ == nullptr) bytes_ = 0;
+  }
+  return memory_;
+}
+
 struct ThreadPool::Impl {
   std::vector<std::thread> workers;
-  std::vector<void*> scratch;
+  std::vector<Scratch> scratch;  // per thread
   std::mutex mutex;
   std::condition_variable work_ready;
   std::condition_variable work_done;
@@ -71,7 +81,7 @@ struct ThreadPool::Impl {
 ThreadPool::ThreadPool(uint32_t threads) : impl_(std::make_unique<Impl>()) {
   constexpr uint32_t kMostThreads = 1024;
   const uint32_t wanted = std::clamp(threads, 1u, kMostThreads);
-  impl_->scratch.assign(wanted, nullptr);
+  impl_->scratch = std::vector<Scratch>(wanted);
   impl_->workers.reserve(wanted - 1);
   try {
     for (uint32_t i = 1; i < wanted; ++i) impl_->workers.emplace_back([impl = impl_.get(), i] { impl->work(i); });
@@ -87,7 +97,6 @@ ThreadPool::~ThreadPool() {
   }
   impl_->work_ready.notify_all();
   for (std::thread& worker : impl_->workers) worker.join();
-  for (void* memory : impl_->scratch) release_aligned(memory);
 }
 
 uint32_t ThreadPool::size() const {
@@ -117,10 +126,8 @@ void ThreadPool::for_each(uint64_t count, uint64_t grain, Run run, const void* c
   impl_->work_done.wait(lock, [&] { return impl_->working == 0; });
 }
 
-void* ThreadPool::scratch(uint32_t thread) {
-  void*& memory = impl_->scratch[thread];  // only the thread itself uses it
-  if (memory == nullptr) memory = allocate_aligned(kScratchVertices * sizeof(ScreenVertex));
-  return memory;
+Scratch& ThreadPool::scratch(uint32_t thread) {
+  return impl_->scratch[thread];
 }
 
 InstructionSet best_instruction_set() {

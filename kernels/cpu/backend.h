@@ -14,6 +14,26 @@
 
 namespace scree::kernels {
 
+/// 64-byte aligned and uninitialised; null if no memory is left. Not inline: both instruction sets share it.
+void* allocate_aligned(uint64_t bytes);
+void release_aligned(void* memory);
+
+/// Memory that grows.
+class Scratch {
+ public:
+  Scratch() = default;
+  ~Scratch() { release_aligned(memory_); }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+
+  /// At least `bytes`, aligned to 64; null if no memory is left. Does not keep the contents.
+  void* room(uint64_t bytes);
+
+ private:
+  void* memory_ = nullptr;
+  uint64_t bytes_ = 0;
+};
+
 /// Threads that wait for work. The calling thread is thread 0 and works too.
 class ThreadPool {
  public:
@@ -29,20 +49,13 @@ class ThreadPool {
   using Run = void (*)(const void* context, uint64_t first, uint64_t end, uint32_t thread);
   void for_each(uint64_t count, uint64_t grain, Run run, const void* context);
 
-  /// Memory of each thread for the projected vertices of one chunk: kScratchVertices of them. Null if no memory is
-  /// left.
-  void* scratch(uint32_t thread);
+  /// Memory that only `thread` uses.
+  Scratch& scratch(uint32_t thread);
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-inline constexpr uint64_t kScratchVertices = 3 * 65536;
-
-/// 64-byte aligned and uninitialised; null if no memory is left. Not inline: both instruction sets share it.
-void* allocate_aligned(uint64_t bytes);
-void release_aligned(void* memory);
 
 enum class InstructionSet { kBaseline, kAvx2 };
 

@@ -129,12 +129,9 @@ class FrameDrawer {
 
   bool draw(FrameStats& stats) {
     stats = FrameStats{};
-    // The queue must have room for all tiles of one large triangle.
-    const uint64_t image_tiles = tiles_of(view_.width) * tiles_of(view_.height);
     if (!grow(queues_.blocks, queues_.block_capacity, sizes_.blocks) ||
         !grow(queues_.medium, queues_.medium_capacity, sizes_.medium) ||
-        !grow(queues_.large, queues_.large_capacity, sizes_.large) ||
-        !grow(queues_.tiles, queues_.tile_capacity, max_of(sizes_.tiles, image_tiles))) {
+        !grow(queues_.large, queues_.large_capacity, sizes_.large)) {
       return false;
     }
     uint64_t share = max_of<uint64_t>(sizes_.instances_at_a_time, 1);
@@ -214,7 +211,7 @@ class FrameDrawer {
       if (drawn.medium != 0) {
         backend_.for_each(drawn.medium, RasterMedium<kOrthographic, kMasked>{view_, target_, queues_, 0, masks()});
       }
-      draw_large(drawn.large);
+      if (!draw_large(drawn.large)) return false;
       stats.triangles += drawn.triangles;
       stats.triangles_small += drawn.triangles_small;
       stats.triangles_medium += drawn.medium;
@@ -256,10 +253,13 @@ class FrameDrawer {
       fill_level(pyramid, level, 0, 1);
   }
 
-  /// Draws the large queue. A triangle can have 65,536 tiles, so the queue of tiles does not grow; fewer triangles are
-  /// split at a time instead.
-  void draw_large(uint64_t total) {
-    uint64_t share = max_of<uint64_t>(total, 1);
+  /// Draws the large queue. The queue of tiles has room for all tiles of one triangle, which can be 65,536. It does not
+  /// grow; fewer triangles are split at a time instead. Returns false if memory runs out.
+  bool draw_large(uint64_t total) {
+    if (total == 0) return true;
+    const uint64_t image_tiles = tiles_of(view_.width) * tiles_of(view_.height);
+    if (!grow(queues_.tiles, queues_.tile_capacity, max_of(sizes_.tiles, image_tiles))) return false;
+    uint64_t share = total;
     for (uint64_t first = 0; first < total;) {
       const uint64_t count = min_of(share, total - first);
       backend_.write_counters(Counters{});
@@ -272,6 +272,7 @@ class FrameDrawer {
       backend_.for_each(tiles, RasterTiles<kOrthographic, kMasked>{view_, target_, queues_, 0, masks()});
       first += count;
     }
+    return true;
   }
 
   Backend& backend_;

@@ -127,7 +127,7 @@ class CpuTeam {
   static constexpr bool kMakesTransforms = true;
 
   /// `alone`: no other thread draws.
-  CpuTeam(ScreenVertex* scratch, bool alone) : scratch_(scratch), alone_(alone) {}
+  CpuTeam(Scratch* scratch, bool alone) : scratch_(scratch), alone_(alone) {}
 
   static constexpr uint32_t rank() { return 0; }
   static constexpr uint32_t size() { return 1; }
@@ -178,7 +178,6 @@ class CpuTeam {
                                typename RasterSmall<kOrthographic, kMasked>::Context& context,
                                const format::ChunkRecord& chunk, uint32_t first_triangle, uint32_t triangles) const {
     const ChunkReader& reader = *context.reader;
-    if (scratch_ == nullptr) return false;
     if (reader.clustered) return with_projected_cluster(pass, context, first_triangle, triangles);
     uint32_t first = 0;
     uint64_t count = chunk.vertex_count;
@@ -195,8 +194,10 @@ class CpuTeam {
       first = low;
       count = uint64_t{high} - low + 1;
     }
-    if (count > kScratchVertices || count > 3 * uint64_t{triangles}) return false;
-    project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), scratch_);
+    if (count > 3 * uint64_t{triangles}) return false;
+    const auto vertices = static_cast<ScreenVertex*>(scratch_->room(count * sizeof(ScreenVertex)));
+    if (vertices == nullptr) return false;
+    project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), vertices);
     const BoxTest misses(pass.view);
     if (reader.index_bits != 0 && reader.index_bits <= 19) {
       // One load holds a triangle's three codes.
@@ -210,9 +211,9 @@ class CpuTeam {
         window >>= bit & 7;
         const uint32_t codes[3] = {static_cast<uint32_t>(window) & mask, static_cast<uint32_t>(window >> bits) & mask,
                                    static_cast<uint32_t>(window >> (2 * bits)) & mask};
-        const ScreenVertex& a = scratch_[codes[0] + offset];
-        const ScreenVertex& b = scratch_[codes[1] + offset];
-        const ScreenVertex& c = scratch_[codes[2] + offset];
+        const ScreenVertex& a = vertices[codes[0] + offset];
+        const ScreenVertex& b = vertices[codes[1] + offset];
+        const ScreenVertex& c = vertices[codes[2] + offset];
         if (misses(a, b, c)) continue;
         const uint32_t v[3] = {codes[0] + reader.index_min, codes[1] + reader.index_min, codes[2] + reader.index_min};
         pass.draw(*this, context, i, v, a, b, c);
@@ -221,7 +222,7 @@ class CpuTeam {
       for (uint32_t i = first_triangle; i < end; ++i) {
         uint32_t v[3];
         reader.triangle(i, v);
-        pass.draw(*this, context, i, v, scratch_[v[0] - first], scratch_[v[1] - first], scratch_[v[2] - first]);
+        pass.draw(*this, context, i, v, vertices[v[0] - first], vertices[v[1] - first], vertices[v[2] - first]);
       }
     }
     return true;
@@ -234,18 +235,20 @@ class CpuTeam {
                               uint32_t triangles) const {
     const ChunkReader& reader = *context.reader;
     const format::ClusterReader& cluster = reader.cluster;
-    if (cluster.layout.vertex_count > 3 * triangles) return false;
-    project_range<kOrthographic>(reader, *context.transform, pass.view, reader.first_vertex,
-                                 cluster.layout.vertex_count, scratch_);
+    const uint32_t count = cluster.layout.vertex_count;
+    if (count > 3 * triangles) return false;
+    const auto vertices = static_cast<ScreenVertex*>(scratch_->room(count * sizeof(ScreenVertex)));
+    if (vertices == nullptr) return false;
+    project_range<kOrthographic>(reader, *context.transform, pass.view, reader.first_vertex, count, vertices);
     const BoxTest misses(pass.view);
     const uint32_t first = first_triangle - cluster.first_triangle;
     uint32_t largest = first == 0 ? 2 : cluster_largest(cluster, first - 1);
     for (uint32_t i = first; i < first + triangles; ++i) {
       uint32_t back[2];
       largest += cluster_step(cluster, i, back);
-      const ScreenVertex& a = scratch_[largest];
-      const ScreenVertex& b = scratch_[largest - back[0]];
-      const ScreenVertex& c = scratch_[largest - back[1]];
+      const ScreenVertex& a = vertices[largest];
+      const ScreenVertex& b = vertices[largest - back[0]];
+      const ScreenVertex& c = vertices[largest - back[1]];
       if (misses(a, b, c)) continue;
       const uint32_t number = reader.first_vertex + largest;
       const uint32_t v[3] = {number, number - back[0], number - back[1]};
@@ -311,7 +314,7 @@ class CpuTeam {
   }
 
  private:
-  ScreenVertex* scratch_;
+  Scratch* scratch_;
   bool alone_;
 };
 
@@ -347,7 +350,7 @@ class CpuBackend {
   template <class Pass>
   static void run(const void* context, uint64_t first, uint64_t end, uint32_t thread) {
     const Bound<Pass>& bound = *static_cast<const Bound<Pass>*>(context);
-    const CpuTeam team(static_cast<ScreenVertex*>(bound.pool->scratch(thread)), bound.pool->size() == 1);
+    const CpuTeam team(&bound.pool->scratch(thread), bound.pool->size() == 1);
     for (uint64_t item = first; item < end; ++item) (*bound.pass)(static_cast<uint32_t>(item), team);
   }
 
