@@ -15,7 +15,7 @@
 //
 // It does not detect: two lanes that write one address without an atomic; a kernel that reads host memory, or a host
 // that reads a GPU's; memory freed while work with it is under way; more threads than __launch_bounds__; garbage past
-// the first 16 MiB of an allocation. Host functions of .cu files call the GPU forms of shared functions.
+// the first 1 MiB of an allocation. Host functions of .cu files call the GPU forms of shared functions.
 #pragma once
 
 #include <cuda_runtime.h>

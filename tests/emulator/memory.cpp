@@ -9,7 +9,7 @@ namespace scree::emulator {
 namespace {
 
 constexpr size_t kAlignment = 256;
-constexpr size_t kGarbageBytes = size_t{16} << 20;  // filled per allocation; more would take too long
+constexpr size_t kGarbageBytes = size_t{1} << 20;  // filled per allocation; more would take too long
 
 /// The allocation at an address; null if CUDA did not allocate it.
 const Allocation* allocation_at(const void* at, size_t bytes) {
