@@ -16,9 +16,7 @@ scree_status translate(const scree_convert_options& in, convert::ConvertOptions&
   const auto has = [&](uint32_t flag) { return (in.flags & flag) != 0; };
   if ((in.flags & ~kAllFlags) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_convert_options::flags has unknown flags: " + std::to_string(in.flags));
-  if (const scree_status checked = check_value(in.textures, SCREE_TEXTURES_JPEG, "scree_convert_options::textures");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(in.textures, SCREE_TEXTURES_JPEG, "scree_convert_options::textures"));
   if (in.zstd_level < -1 || in.zstd_level > 22)
     return fail(SCREE_ERROR_ARGUMENT,
                 "scree_convert_options::zstd_level is " + std::to_string(in.zstd_level) + ", expected -1 to 22");
@@ -59,17 +57,15 @@ namespace convert = scree::convert;
 extern "C" scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
                                       scree_convert_report* report) {
   return guarded([&] {
-    if (const scree_status checked = check_path(input, "scree_convert: input"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_path(input, "scree_convert: input"));
     scree_convert_options taken;
-    if (const scree_status checked = take(options, taken, "scree_convert_options"); checked != SCREE_OK) return checked;
-    if (report != nullptr)
-      if (const scree_status checked = check_output(report, "scree_convert_report"); checked != SCREE_OK)
-        return checked;
+    SCREE_CHECK(take(options, taken, "scree_convert_options"));
+    if (report != nullptr) SCREE_CHECK(check_output(report, "scree_convert_report"));
     convert::ConvertOptions convert_options;
-    if (const scree_status checked = translate(taken, convert_options); checked != SCREE_OK) return checked;
+    SCREE_CHECK(translate(taken, convert_options));
     convert_options.input = input;
     if (output != nullptr) {
-      if (const scree_status checked = check_path(output, "scree_convert: output"); checked != SCREE_OK) return checked;
+      SCREE_CHECK(check_path(output, "scree_convert: output"));
       convert_options.output = output;
     }
     std::atomic<bool> stop{false};

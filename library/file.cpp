@@ -32,11 +32,11 @@ template <class Info, class Count, class Fill>
 scree_status get(scree_file* file, uint64_t index, Info* info, const char* type, const char* what, const Count& count,
                  const Fill& fill) {
   return with<Files>(file, "scree_file", [&](const File& opened) {
-    if (const scree_status checked = check_output(info, type); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(info, type));
     const format::Container& container = opened.file.container();
-    if (const scree_status checked = check_index(index, count(container), what); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_index(index, count(container), what));
     Info out{};
-    if (const scree_status filled = fill(opened, out); filled != SCREE_OK) return filled;
+    SCREE_CHECK(fill(opened, out));
     give(info, out);
     return SCREE_OK;
   });
@@ -70,7 +70,7 @@ extern "C" {
 
 scree_status scree_open(const char* path, scree_file** file) {
   return guarded([&] {
-    if (const scree_status checked = check_path(path, "scree_open: path"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_path(path, "scree_open: path"));
     if (file == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_open: file is null");
     scree::Result<scree::runtime::SceneFile> opened = scree::runtime::SceneFile::open(path);
     if (!opened) return fail(opened.error(), Subject::kData);
@@ -85,7 +85,7 @@ scree_status scree_close(scree_file* file) {
 
 scree_status scree_get_file_info(scree_file* file, scree_file_info* info) {
   return with<Files>(file, "scree_file", [&](const File& opened) {
-    if (const scree_status checked = check_output(info, "scree_file_info"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(info, "scree_file_info"));
     const Container& container = opened.file.container();
     scree_file_info out{};
     out.bytes = opened.file.map().size();
@@ -155,8 +155,7 @@ scree_status scree_get_camera_info(scree_file* file, uint32_t scene, uint32_t in
       file, scene, info, "scree_camera_info", "scene", [](const Container& c) { return c.scenes().size(); },
       [&](const File& opened, scree_camera_info& out) {
         const std::vector<scree::runtime::PlacedCamera>& cameras = opened.cameras(scene);
-        if (const scree_status checked = check_index(index, cameras.size(), "camera"); checked != SCREE_OK)
-          return checked;
+        SCREE_CHECK(check_index(index, cameras.size(), "camera"));
         out = describe(opened.file.container(), cameras[index]);
         return SCREE_OK;
       });

@@ -46,15 +46,12 @@ using namespace scree::library;
 extern "C" scree_status scree_cameras_of_path(const char* file, double frames_per_second, uint64_t first,
                                               uint64_t count, scree_camera* cameras, scree_path_info* info) {
   return guarded([&] {
-    if (const scree_status checked = check_path(file, "scree_cameras_of_path: file"); checked != SCREE_OK)
-      return checked;
+    SCREE_CHECK(check_path(file, "scree_cameras_of_path: file"));
     if (!(frames_per_second == 0 || (frames_per_second >= 1e-9 && frames_per_second < 1e6)))
       return fail(SCREE_ERROR_ARGUMENT, "scree_cameras_of_path: frames_per_second is " +
                                             std::to_string(frames_per_second) + ", expected above 0 and below 1e6");
-    if (count != 0)
-      if (const scree_status checked = check_output(cameras, "scree_camera"); checked != SCREE_OK) return checked;
-    if (info != nullptr)
-      if (const scree_status checked = check_output(info, "scree_path_info"); checked != SCREE_OK) return checked;
+    if (count != 0) SCREE_CHECK(check_output(cameras, "scree_camera"));
+    if (info != nullptr) SCREE_CHECK(check_output(info, "scree_path_info"));
     const scree::Result<scree::tools::CameraPath> path = scree::tools::CameraPath::read(
         file, frames_per_second > 0 ? std::optional<double>(frames_per_second) : std::nullopt);
     if (!path) return fail(path.error(), Subject::kData);
@@ -64,8 +61,7 @@ extern "C" scree_status scree_cameras_of_path(const char* file, double frames_pe
     if (count > frames - first)
       return fail(SCREE_ERROR_ARGUMENT,
                   has + std::to_string(count) + " from frame " + std::to_string(first) + " on are wanted");
-    if (count != 0)
-      if (const scree_status given = give_cameras(file, *path, first, count, cameras); given != SCREE_OK) return given;
+    if (count != 0) SCREE_CHECK(give_cameras(file, *path, first, count, cameras));
     scree_path_info out{};
     out.frames = frames;
     out.frames_per_second = path->frames_per_second();

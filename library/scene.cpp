@@ -21,9 +21,7 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   if (options.threads > kMostThreads)
     return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::threads is " + std::to_string(options.threads) +
                                           ", at most " + std::to_string(kMostThreads));
-  if (const scree_status checked = check_value(options.backend, SCREE_BACKEND_CUDA, "scree_load_options::backend");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(options.backend, SCREE_BACKEND_CUDA, "scree_load_options::backend"));
   switch (options.backend) {
     case SCREE_BACKEND_AUTO:
       out.on = options.gpu != nullptr || options.gpus > 1 ? runtime::DrawOn::kGpu : runtime::DrawOn::kAuto;
@@ -52,9 +50,7 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.textures = options.no_textures == 0;
   out.texture_cache = options.texture_cache;
   out.texture_memory = options.texture_memory;
-  if (const scree_status checked = check_value(options.light, SCREE_LIGHT_SCENE, "scree_load_options::light");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(options.light, SCREE_LIGHT_SCENE, "scree_load_options::light"));
   out.lighting = static_cast<kernels::Lighting>(options.light);
   if (options.environment != nullptr && *options.environment != 0) {
     out.environment = options.environment;
@@ -63,9 +59,7 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
                   "scree_load_options::environment is for SCREE_LIGHT_ENVIRONMENT, but light is another");
     out.lighting = kernels::Lighting::kEnvironment;
   }
-  if (const scree_status checked = check_value(options.reading, SCREE_READ_DIRECT, "scree_load_options::reading");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(options.reading, SCREE_READ_DIRECT, "scree_load_options::reading"));
   constexpr runtime::Reading kReadings[] = {runtime::Reading::kAuto, runtime::Reading::kMapped,
                                             runtime::Reading::kBuffered, runtime::Reading::kDirect};
   out.reading = kReadings[options.reading];
@@ -101,9 +95,9 @@ scree_status scree_load(scree_file* file, const scree_load_options* options, scr
   return with<Files>(file, "scree_file", [&](const File& opened) {
     if (scene == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_load: scene is null");
     scree_load_options taken;
-    if (const scree_status checked = take(options, taken, "scree_load_options"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(take(options, taken, "scree_load_options"));
     runtime::LoadOptions load;
-    if (const scree_status checked = translate(taken, load); checked != SCREE_OK) return checked;
+    SCREE_CHECK(translate(taken, load));
     scree::kernels::ShadeOptions shade{.ssao = true};
     if (load.pictures.width != 0) load.pictures.shade = &shade;
     runtime::JobProgress progress([&](const char* stage, uint64_t done, uint64_t total) {
@@ -131,7 +125,7 @@ scree_status scree_unload(scree_scene* scene) {
 
 scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats) {
   return with<Scenes>(scene, "scree_scene", [&](const LoadedFile& loaded) {
-    if (const scree_status checked = check_output(stats, "scree_scene_stats"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(stats, "scree_scene_stats"));
     const runtime::LoadedScene& ready = *loaded.scene;
     const scree::kernels::SceneView& view = ready.scene().view();
     scree_scene_stats out{};
@@ -157,7 +151,7 @@ scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats)
 
 scree_status scree_get_instance_info(scree_scene* scene, uint64_t index, scree_instance_info* info) {
   return with<Scenes>(scene, "scree_scene", [&](const LoadedFile& loaded) {
-    if (const scree_status checked = check_output(info, "scree_instance_info"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(info, "scree_instance_info"));
     const scree::kernels::SceneView& view = loaded.scene->scene().view();
     if (index >= view.instance_count)
       return fail(SCREE_ERROR_ARGUMENT,

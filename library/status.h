@@ -30,6 +30,13 @@ inline scree_status fail(const Error& error, Subject subject) {
   return fail(status_of(error.code, subject), error.message);
 }
 
+/// Returns the status of the call from the enclosing function unless it is SCREE_OK.
+#define SCREE_CHECK(call)                                \
+  do {                                                   \
+    const scree_status scree_checked = (call);           \
+    if (scree_checked != SCREE_OK) return scree_checked; \
+  } while (false)
+
 /// Runs the body of a function of the library. Turns exceptions into a status.
 template <class Body>
 scree_status guarded(const Body& body) noexcept {

@@ -28,7 +28,7 @@ scree_status take(const T* in, T& out, const char* name) {
   std::memset(&out, 0, sizeof out);
   out.size = sizeof out;
   if (in == nullptr) return SCREE_OK;
-  if (const scree_status checked = check_size<T>(in->size, name); checked != SCREE_OK) return checked;
+  SCREE_CHECK(check_size<T>(in->size, name));
   const auto* const bytes = reinterpret_cast<const std::byte*>(in);
   if (in->size > sizeof(T)) {
     const bool is_known =

@@ -34,9 +34,7 @@ scree_status fail_draw(const ViewRenderer& renderer, const Error& error) {
 /// Translates the camera for the engine, without its clipping box.
 scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
                              uint32_t height, View& out) {
-  if (const scree_status checked = check_value(camera.kind, SCREE_CAMERA_AROUND, "scree_camera::kind");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(camera.kind, SCREE_CAMERA_AROUND, "scree_camera::kind"));
   runtime::CameraOptions options{.width = width, .height = height};
   if (camera.fov_degrees != 0) {
     if (!(camera.fov_degrees >= runtime::kSmallestFovDegrees && camera.fov_degrees < 180))
@@ -90,7 +88,7 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
 /// Translates the camera for the engine, for a picture of `width` x `height` pixels.
 scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width, uint32_t height,
                        View& out) {
-  if (const scree_status made = make_whole_view(scene, camera, width, height, out); made != SCREE_OK) return made;
+  SCREE_CHECK(make_whole_view(scene, camera, width, height, out));
   if (camera.clips == 0) return SCREE_OK;
   bool is_box = are_finite({camera.clip_min, camera.clip_max});
   for (size_t i = 0; i < 3; ++i) is_box = is_box && camera.clip_min[i] <= camera.clip_max[i];
@@ -106,9 +104,7 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
 /// Checks and translates the light of a picture and its blended layers.
 scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
-  if (const scree_status checked = check_value(options.light, SCREE_LIGHT_SCENE, "scree_draw_options::light");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(options.light, SCREE_LIGHT_SCENE, "scree_draw_options::light"));
   if (options.light != SCREE_LIGHT_AUTO && (options.flags & SCREE_NO_LIGHT) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: light and SCREE_NO_LIGHT exclude each other");
   if (options.light == SCREE_LIGHT_ENVIRONMENT && scene.scene().view().environment == nullptr)
@@ -147,9 +143,7 @@ uint32_t shadow_side(const scree_draw_options& options) {
 
 scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
-  if (const scree_status checked = check_value(options.show, SCREE_SHOW_DEPTH, "scree_draw_options::show");
-      checked != SCREE_OK)
-    return checked;
+  SCREE_CHECK(check_value(options.show, SCREE_SHOW_DEPTH, "scree_draw_options::show"));
   if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL | SCREE_NO_BLEND | SCREE_SHADOWS}) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags has unknown flags: " + std::to_string(options.flags));
   if (!(options.edl_strength >= 0 && options.edl_strength <= 100))
@@ -175,7 +169,7 @@ scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_opti
 /// Checks and translates the size, the samples and the shading of a frame.
 scree_status take_frame(const runtime::LoadedScene& scene, const scree_draw_options* options, scree_draw_options& taken,
                         kernels::ShadeOptions& shade) {
-  if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
+  SCREE_CHECK(take(options, taken, "scree_draw_options"));
   if (taken.width == 0) taken.width = 1920;
   if (taken.height == 0) taken.height = 1080;
   if (taken.samples == 0) taken.samples = 1;
@@ -216,8 +210,7 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
     const runtime::LoadedScene& scene = drawn.renderer->scene();
     scree_draw_options taken;
     Batch batch;
-    if (const scree_status checked = take_frame(scene, options, taken, batch.shade); checked != SCREE_OK)
-      return checked;
+    SCREE_CHECK(take_frame(scene, options, taken, batch.shade));
     batch.samples = taken.samples;
     batch.pixels = uint64_t{taken.width} * taken.height;
     batch.views.resize(count);
@@ -225,7 +218,7 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
     for (uint32_t i = 0; i < count; ++i, next += cameras->size) {
       const auto* const camera = reinterpret_cast<const scree_camera*>(next);
       scree_camera seen;
-      if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+      SCREE_CHECK(take(camera, seen, "scree_camera"));
       if (camera->size != cameras->size)
         return fail(SCREE_ERROR_ARGUMENT, "camera " + std::to_string(i) + " of the batch has another size");
       if (const scree_status made = make_view(scene, seen, taken.width, taken.height, batch.views[i]); made != SCREE_OK)
@@ -300,16 +293,13 @@ scree_status scree_view_destroy(scree_view* view) {
 scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
     scree_camera seen;
-    if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(take(camera, seen, "scree_camera"));
     scree_draw_options taken;
     scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_frame(drawn.renderer->scene(), options, taken, shade); checked != SCREE_OK)
-      return checked;
+    SCREE_CHECK(take_frame(drawn.renderer->scene(), options, taken, shade));
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     View seen_view{};
-    if (const scree_status made = make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view);
-        made != SCREE_OK)
-      return made;
+    SCREE_CHECK(make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view));
     drawn.renderer->cast_shadows(shadow_side(taken));
     const scree::Result<void> done = drawn.renderer->draw(seen_view, taken.samples, shade);
     return done ? SCREE_OK : fail_draw(*drawn.renderer, done.error());
@@ -336,7 +326,7 @@ scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, 
     for (uint32_t i = 0; i < target_count; ++i, next += targets->size) {
       scree_target target;
       const auto* const given = reinterpret_cast<const scree_target*>(next);
-      if (const scree_status checked = take(given, target, "scree_target"); checked != SCREE_OK) return checked;
+      SCREE_CHECK(take(given, target, "scree_target"));
       const std::string name = "target " + std::to_string(i);
       if (given->size != targets->size) return fail(SCREE_ERROR_ARGUMENT, name + " has another size");
       if (static_cast<uint32_t>(target.layer) >= taken.size() || target.layer == SCREE_SAMPLES)
@@ -360,9 +350,9 @@ scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, 
 scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
   return with_layer(view, SCREE_COLOR, [&](ViewRenderer& renderer, Layer) {
     scree_draw_options taken;
-    if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(take(options, taken, "scree_draw_options"));
     scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_shade(renderer.scene(), taken, shade); checked != SCREE_OK) return checked;
+    SCREE_CHECK(take_shade(renderer.scene(), taken, shade));
     renderer.cast_shadows(shadow_side(taken));
     const scree::Result<void> done = renderer.set_shade(shade);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
@@ -371,7 +361,7 @@ scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
 
 scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array) {
   return with_layer(view, layer, [&](ViewRenderer& renderer, Layer engine_layer) {
-    if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(array, "scree_array"));
     const scree::Result<std::span<const std::byte>> bytes = renderer.layer(engine_layer);
     if (!bytes) return fail(bytes.error(), Subject::kArguments);
     give(array, describe(renderer, engine_layer, bytes->data(), -1));
@@ -381,7 +371,7 @@ scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* 
 
 scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array) {
   return with_layer(view, layer, [&](ViewRenderer& renderer, Layer engine_layer) {
-    if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(array, "scree_array"));
     const scree::Result<const std::byte*> data = renderer.device_layer(engine_layer, stream);
     if (!data) return fail(data.error(), Subject::kArguments);
     give(array, describe(renderer, engine_layer, *data, renderer.scene().gpu()->index));
@@ -393,7 +383,7 @@ scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
     scree_array taken;
     if (array == nullptr || memory == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_hold: array or memory is null");
-    if (const scree_status checked = take(array, taken, "scree_array"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(take(array, taken, "scree_array"));
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     scree::Result<std::shared_ptr<const void>> held = drawn.renderer->hold(static_cast<const std::byte*>(taken.data));
     if (!held) return fail(held.error(), Subject::kArguments);
@@ -420,7 +410,7 @@ scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint6
 
 scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_info* info) {
   return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, Layer) {
-    if (const scree_status checked = check_output(info, "scree_pick_info"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(info, "scree_pick_info"));
     const scree::Result<std::optional<scree::runtime::Pick>> pick = renderer.pick(x, y);
     if (!pick) return fail(pick.error(), Subject::kArguments);
     scree_pick_info out{};
@@ -444,7 +434,7 @@ scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_inf
 
 scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
   return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, Layer) {
-    if (const scree_status checked = check_output(stats, "scree_frame_stats"); checked != SCREE_OK) return checked;
+    SCREE_CHECK(check_output(stats, "scree_frame_stats"));
     scree_frame_stats out{};
     out.width = renderer.width();
     out.height = renderer.height();
