@@ -220,10 +220,10 @@ await check('pictures of another size and for a screen with small pixels are exa
   await isExact(fine, 1);
   await fine.context().close();
 });
-await check('a path file is flown as scree render --path draws it, and saved with its fps, and other files are refused', async () => {
+await check('a path file is flown as scree render --path draws it, and saved with its name and fps, and other files are refused', async () => {
   const keys = [{t: 0, eye: [0, 0, 4], target: [0, 0, 0], fov: 20}, {t: 1, eye: [1, 1, 4], target: [0, 0, 0], up: [1, 2, 0], fov: 20},
     {t: 2, matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1], fov: 80, name: 'last but one'}, {t: 3, eye: [0, 0, 3], target: [0.5, 0, 0], fov: 80}];
-  const file = {format: 'scree camera path', version: 1, fps: 2, keys};
+  const file = {format: 'scree camera path', version: 1, name: 'a flight', fps: 2, keys};
   const load = (text) => page.setInputFiles('#path-file', {name: 'path.json', mimeType: 'application/json', buffer: Buffer.from(text)});
   await load(JSON.stringify(file));
   await page.waitForFunction(() => scree.path.keys.length === 4);
@@ -250,7 +250,7 @@ await check('a path file is flown as scree render --path draws it, and saved wit
   assert.equal(await page.evaluate(() => scree.path.keys.length), 4);
   const [download] = await Promise.all([page.waitForEvent('download'), page.evaluate(() => document.querySelector('[data-do=save-path]').click())]);
   const saved = JSON.parse(readFileSync(await download.path(), 'utf8'));
-  assert.deepEqual([saved.fps, saved.keys.length], [2, 4]);
+  assert.deepEqual([saved.name, saved.fps, saved.keys.length], ['a flight', 2, 4]);
 });
 await check('Space acts on the focused control, and otherwise plays the path', async () => {
   const press = async (selector, key) => {

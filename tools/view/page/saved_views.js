@@ -13,7 +13,8 @@ function need(isRight, reason) {
 /// The first member of `object` that is not one of `names`.
 const unknownMember = (object, names) => Object.keys(object).find((name) => !names.includes(name));
 
-/// Reads a path file: {fps, keys}, where fps is undefined if the file has none, and a key is {t, eye, target, up, fov}.
+/// Reads a path file: {name, fps, keys}, where name and fps are undefined if the file has none, and a key is
+/// {t, eye, target, up, fov}.
 /// Accepts what tools/render/camera_path.cpp accepts, if its keys have times. Throws an error with a short reason.
 function readPath(text) {
   let path;
@@ -30,7 +31,7 @@ function readPath(text) {
   const early = keys.findIndex((key, i) => i > 0 && key.t <= keys[i - 1].t);
   need(early < 0, `key ${early} is not later than the key before`);
   need(keys.at(-1).t * (path.fps ?? 30) < 1e7, 'it has more than 10000000 frames');
-  return {fps: path.fps, keys};
+  return {name: path.name, fps: path.fps, keys};
 }
 function readKey(key) {
   need(key && typeof key === 'object' && !Array.isArray(key), 'is not an object');
@@ -100,7 +101,7 @@ export class KeyPath {
   /// `page`: {pose(), go(pose)}.
   constructor(page) {
     this.page = page;
-    this.fps = undefined;  // of the file that was loaded
+    this.name = this.fps = undefined;  // of the file that was loaded
     this.keys = [];
     $('path-file').addEventListener('change', ({target}) => this.load(target));
     this.show();
@@ -127,13 +128,14 @@ export class KeyPath {
     this.show();
   }
   clear() {
-    this.fps = undefined;
+    this.name = this.fps = undefined;
     this.keys = [];
     this.show();
   }
-  save(name) {
+  save(fileName) {
     if (this.keys.length === 0) return toast('The path has no keys.');
-    saveFile(new Blob([JSON.stringify({format: 'scree camera path', version: 1, fps: this.fps, keys: this.keys}, null, 1)], {type: 'application/json'}), name);
+    const {name, fps, keys} = this;
+    saveFile(new Blob([JSON.stringify({format: 'scree camera path', version: 1, name, fps, keys}, null, 1)], {type: 'application/json'}), fileName);
   }
   async load(input) {
     try {
