@@ -117,7 +117,7 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
 template <size_t kCount>
 void check_short(FaultInputs& inputs, const Job (&jobs)[kCount], const std::string& options = "") {
   for (const Job& job : jobs)
-    for (const char* which : {"sites", "every"})
+    for (const char* which : {SCREE_FAULT_SHORT_SITES, "every"})
       if (!job.only_maps) inputs.check("short", which, job.outputs, job.command, options);
 }
 

@@ -195,7 +195,7 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   const TempFolder folder;
   // SCREE_THREAD_FRAMES=10000 is the long run.
   const char* const frames = std::getenv("SCREE_THREAD_FRAMES");
-  const size_t count = frames != nullptr ? std::stoul(frames) : kIsSanitized ? 320 : 4000;
+  const size_t count = frames != nullptr ? std::stoul(frames) : kIsSanitized ? 160 : 4000;
   const std::vector<Shot> shots = random_shots(std::min<size_t>(60, count / 20), 2);
   std::vector<ExpectedScene> expected;
   // Models with JPEG and other textures, several instances, layers of glass, several materials, and masks.

@@ -52,9 +52,10 @@ TEST_CASE("every model is converted within the stated error", "[models]") {
   if (files.empty()) return;
   const tests::TempFolder folder;
   const std::string output = folder.file("model.scree");
-  uint64_t converted = 0, triangles = 0;
+  uint64_t converted = 0, triangles = 0, number = 0;
   std::map<std::string, uint64_t> refused;
   for (const fs::path& path : files) {
+    if (tests::kIsSanitized && number++ % 2 != 0) continue;
     INFO(path.string());
     convert::ConvertOptions options;
     options.input = path.string();
@@ -97,6 +98,6 @@ TEST_CASE("every model is converted within the stated error", "[models]") {
     ++converted;
     triangles += report->triangles;
   }
-  CHECK(converted >= 150);
-  CHECK(triangles >= 500000);
+  CHECK(converted >= (tests::kIsSanitized ? 75 : 150));
+  CHECK(triangles >= (tests::kIsSanitized ? 100'000 : 500'000));
 }

@@ -99,7 +99,7 @@ TEST_CASE("a GPU joins the split pages of real models", "[cuda][upload]") {
   const TempFolder folder;
   uint64_t pages = 0;
   for (const std::filesystem::path& model : models) {
-    if (kEmulatesGpu && std::filesystem::file_size(model) > 2'000'000) continue;
+    if (kEmulatesGpu && std::filesystem::file_size(model) > 500'000) continue;
     convert::ConvertOptions options;
     options.input = model.string();
     options.output = folder.file("model.scree");
@@ -109,7 +109,7 @@ TEST_CASE("a GPU joins the split pages of real models", "[cuda][upload]") {
     const Scene scene = must_load(options.output, {.textures = false, .pages = false});
     uint64_t triangles = 0;
     for (uint64_t m = 0; m < scene.view().mesh_count; ++m) triangles += scene.view().meshes[m].triangle_count;
-    if (kEmulatesGpu && triangles > 100'000) continue;
+    if (kEmulatesGpu && triangles > 20'000) continue;
     INFO(model);
     const CudaScene copy = must(upload(scene));
     CHECK(copy.stats().counts.joined_pages == split_pages(scene));

@@ -129,7 +129,7 @@ bool says(const std::string& text, const char* words) {
 TEST_CASE("convert --resume: a run killed at any point resumes to the same bytes", "[convert][resume]") {
   Conversion conversion(GENERATE("indexed", "clustered"));
   int resumed = 0;
-  constexpr int kKills = tests::kIsSanitized ? 4 : 13;
+  constexpr int kKills = tests::kIsSanitized ? 4 : 7;
   // The run continues with another number of threads than the killed run. The reference uses two.
   uint32_t threads = 0;
   const uint64_t size = conversion.reference().size();

@@ -242,7 +242,7 @@ static void check_models(size_t every) {
 }
 
 TEST_CASE("with an error bound every model is no larger than as floats", "[models][error_bytes]") {
-  check_models(tests::kIsSanitized ? 33 : 11);
+  check_models(tests::kIsSanitized ? 101 : 11);
 }
 
 TEST_CASE("with every error bound every model is no larger than as floats", "[.][models-all]") {

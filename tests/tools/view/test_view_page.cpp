@@ -11,7 +11,7 @@
 
 using namespace scree::tests;
 
-TEST_CASE("the page of scree view works in a browser", "[view][view-page]") {
+TEST_CASE("the page of scree view works in a browser", "[view][view-page][release]") {
   const TempFolder folder;
   const std::string scene = folder.file("a scene's file.scree");
   SmallScene{}.write(scene);
