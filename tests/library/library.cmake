@@ -40,7 +40,7 @@ if(TARGET scree_python)
   execute_process(COMMAND "${Python3_EXECUTABLE}" -c "import numpy" RESULT_VARIABLE no_numpy OUTPUT_QUIET ERROR_QUIET)
   if(no_numpy)
     message(STATUS "The Python package is not tested: numpy (python3-numpy) is not there")
-  elseif(NOT SCREE_SANITIZE)
+  else()
     add_test(NAME python COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/python/test_scree.py"
       "${CMAKE_CURRENT_SOURCE_DIR}/data" "${CMAKE_SOURCE_DIR}/python/examples")
     set_tests_properties(python PROPERTIES LABELS cpu ENVIRONMENT "PYTHONPATH=${CMAKE_BINARY_DIR}/python")
