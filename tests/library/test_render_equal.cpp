@@ -245,8 +245,8 @@ TEST_CASE("a frame of the library equals the output of scree render", "[library]
 TEST_CASE("a frame of every small real model equals the output of scree render", "[library][models]") {
   const fs::path models = real_models("");
   if (models.empty()) return;
-  CHECK(compare_all(models / "scenes", kIsSanitized ? 5000 : 200000) >= 10);
-  CHECK(compare_all(models / "scenes-material", kIsSanitized ? 5000 : 200000) >= 3);
+  CHECK(compare_all(models / "scenes", kIsSanitized ? 5000 : 50000) >= 10);
+  CHECK(compare_all(models / "scenes-material", kIsSanitized ? 5000 : 50000) >= 3);
 }
 
 TEST_CASE("a frame of one model equals the output of scree render, with all options", "[library]") {
