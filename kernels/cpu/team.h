@@ -195,9 +195,9 @@ class CpuTeam {
       count = uint64_t{high} - low + 1;
     }
     if (count > 3 * uint64_t{triangles}) return false;
-    const auto vertices = static_cast<ScreenVertex*>(scratch_->room(count * sizeof(ScreenVertex)));
+    const ScreenVertex* const vertices =
+        projected<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count));
     if (vertices == nullptr) return false;
-    project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), vertices);
     const BoxTest misses(pass.view);
     if (reader.index_bits != 0 && reader.index_bits <= 19) {
       // One load holds a triangle's three codes.
@@ -237,9 +237,9 @@ class CpuTeam {
     const format::ClusterReader& cluster = reader.cluster;
     const uint32_t count = cluster.layout.vertex_count;
     if (count > 3 * triangles) return false;
-    const auto vertices = static_cast<ScreenVertex*>(scratch_->room(count * sizeof(ScreenVertex)));
+    const ScreenVertex* const vertices =
+        projected<kOrthographic>(reader, *context.transform, pass.view, reader.first_vertex, count);
     if (vertices == nullptr) return false;
-    project_range<kOrthographic>(reader, *context.transform, pass.view, reader.first_vertex, count, vertices);
     const BoxTest misses(pass.view);
     const uint32_t first = first_triangle - cluster.first_triangle;
     uint32_t largest = first == 0 ? 2 : cluster_largest(cluster, first - 1);
@@ -314,6 +314,15 @@ class CpuTeam {
   }
 
  private:
+  /// project_range() into the thread's own memory. Null if no memory is left.
+  template <bool kOrthographic>
+  const ScreenVertex* projected(const ChunkReader& reader, const Transform& transform, const FrameView& view,
+                                uint32_t first, uint32_t count) const {
+    auto* const out = static_cast<ScreenVertex*>(scratch_->room(uint64_t{count} * sizeof(ScreenVertex)));
+    if (out != nullptr) project_range<kOrthographic>(reader, transform, view, first, count, out);
+    return out;
+  }
+
   Scratch* scratch_;
   bool alone_;
 };
