@@ -28,7 +28,8 @@ HEADER_CODE = {"xxhash", "tinygltf", "nlohmann-json", "draco"}
 # Packages whose copyright file has the old form ("Copyright:" and "License:" with a text each), and their licence.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
 # Shared libraries that lie beside the program in the tarball, and with --bundled in the package scree.
-BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
+BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("isa-l", ["libisal-dev"]), ("openexr", ["libopenexr-dev"]),
+          ("imath", ["libimath-dev"])]
 FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
 CUDA = """The CUDA runtime (cudart), in this package: object code of the CUDA Toolkit, which may be distributed as part
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
@@ -162,8 +163,8 @@ def main():
         with open(asked.debian, "w", encoding="utf-8") as file:
             file.write("\n\n".join(parts) + "\n")
     if asked.third_party:
-        parts[0] = ("Third-party software in this folder. scree itself is under the MIT licence (LICENSE). meshoptimizer, OpenEXR\n"
-                    "and Imath lie beside the program as shared libraries. The others are part of the program, but for pybind11, which\n"
+        parts[0] = ("Third-party software in this folder. scree itself is under the MIT licence (LICENSE). meshoptimizer, ISA-L,\n"
+                    "OpenEXR and Imath lie beside the program as shared libraries. The others are part of the program, but for pybind11, which\n"
                     "is part of the Python module. lib/ also has the shared libraries that libscree uses.")
         if asked.cuda:
             parts.insert(1, CUDA)

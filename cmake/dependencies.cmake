@@ -1,6 +1,6 @@
 # The libraries that scree uses, from the distribution's packages (scripts/setup installs them). zstd, turbojpeg, jpeg,
-# png, z and xxhash are linked statically; meshoptimizer is packaged as a shared library only and is installed beside
-# the program, so that an installed folder runs on a machine without these packages.
+# png, z and xxhash are linked statically; meshoptimizer and ISA-L are packaged as shared libraries only and are installed
+# beside the program, so that an installed folder runs on a machine without these packages.
 find_package(Threads REQUIRED)
 if(NOT SCREE_FUZZ)
   # Prefers the distribution's Python, for which packages are made, over another one on PATH.
@@ -36,12 +36,17 @@ set_property(TARGET scree::png PROPERTY INTERFACE_LINK_LIBRARIES scree::zlib m)
 scree_static_library(jpeg libjpeg.a jpeglib.h)
 scree_static_library(turbojpeg libturbojpeg.a turbojpeg.h)
 
-find_library(meshoptimizer_library NAMES meshoptimizer REQUIRED)
-find_path(meshoptimizer_include NAMES meshoptimizer.h REQUIRED)
-add_library(scree::meshoptimizer UNKNOWN IMPORTED)
-set_target_properties(scree::meshoptimizer PROPERTIES
-  IMPORTED_LOCATION "${meshoptimizer_library}"
-  INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${meshoptimizer_include}")
+function(scree_shared_library target name header)
+  find_library(${target}_library NAMES ${name} REQUIRED)
+  find_path(${target}_include NAMES ${header} REQUIRED)
+  add_library(scree::${target} UNKNOWN IMPORTED)
+  set_target_properties(scree::${target} PROPERTIES
+    IMPORTED_LOCATION "${${target}_library}"
+    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+endfunction()
+
+scree_shared_library(meshoptimizer meshoptimizer meshoptimizer.h)
+scree_shared_library(isal isal isa-l.h)
 
 function(scree_header_library target header)
   find_path(${target}_include NAMES ${header} REQUIRED)

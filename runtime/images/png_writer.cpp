@@ -5,9 +5,12 @@
 #include <cassert>
 #include <cstdlib>
 #include <cstring>
+#include <memory>
+#include <mutex>
 #include <new>
 #include <string_view>
 
+#include <isa-l.h>
 #include <zlib.h>
 
 namespace scree::runtime {
@@ -56,14 +59,19 @@ class RowFilter {
     const uint8_t* const row = row_;
     const uint8_t* const above = above_;
     uint8_t* const to = differences_.data();
-    uint32_t sum = 0;
     const auto put = [&](size_t i, int left, int corner) {
       const uint8_t difference = static_cast<uint8_t>(row[i] - prediction<kFilter>(left, above[i], corner));
       to[i] = difference;
-      sum += difference < 128 ? difference : 256u - difference;
+      return std::min(difference, static_cast<uint8_t>(-difference));
     };
-    for (size_t i = 0; i < channels_; ++i) put(i, 0, 0);
-    for (size_t i = channels_; i < size; ++i) put(i, row[i - channels_], above[i - channels_]);
+    uint32_t sum = 0;
+    for (size_t i = 0; i < channels_; ++i) sum += put(i, 0, 0);
+    for (size_t i = channels_; i < size;) {
+      uint16_t sum_of_piece = 0;  // 16 bits are faster
+      for (const size_t end = std::min(i + 256, size); i < end; ++i)
+        sum_of_piece = static_cast<uint16_t>(sum_of_piece + put(i, row[i - channels_], above[i - channels_]));
+      sum += sum_of_piece;
+    }
     if (sum >= least_) return;
     least_ = sum;
     out[0] = static_cast<uint8_t>(kFilter);
@@ -78,72 +86,122 @@ class RowFilter {
   uint32_t least_ = 0;
 };
 
-/// A strip of the image data: deflate blocks that end at a byte, and the checksum of their unpacked bytes. `data` are
-/// the bytes of its IDAT chunk, of the last strip those that go into it.
+/// Deflates pieces of one stream, without zlib's header, to whole bytes, by ISA-L. It takes a sixth of the time of
+/// zlib's level 1.
+class Deflater {
+ public:
+  /// The deflated piece, valid until the next call. Other pieces may follow, unless `is_last`.
+  std::span<const std::byte> deflate(std::span<uint8_t> piece, bool is_last) {
+    isal_deflate_init(stream_.get());
+    stream_->level = 2;
+    stream_->level_buf = level_memory_.get();
+    stream_->level_buf_size = ISAL_DEF_LVL2_DEFAULT;
+    stream_->flush = FULL_FLUSH;
+    stream_->end_of_stream = is_last ? 1 : 0;
+    stream_->next_in = piece.data();
+    stream_->avail_in = static_cast<uint32_t>(piece.size());
+    for (;;) {
+      const size_t done = stream_->total_out;
+      out_.resize(std::max(out_.size(), done + piece.size() + 1024));
+      stream_->next_out = reinterpret_cast<uint8_t*>(out_.data()) + done;
+      stream_->avail_out = static_cast<uint32_t>(out_.size() - done);
+      [[maybe_unused]] const int status = isal_deflate(stream_.get());
+      assert(status == COMP_OK);
+      if (stream_->avail_out != 0) return std::span(out_).first(stream_->total_out);
+    }
+  }
+
+ private:
+  std::unique_ptr<isal_zstream> stream_ = std::make_unique<isal_zstream>();
+  std::unique_ptr<uint8_t[]> level_memory_ = std::make_unique<uint8_t[]>(ISAL_DEF_LVL2_DEFAULT);
+  Bytes out_;
+};
+
+/// A strip of the image data. `data`: its IDAT chunk; of the last strip only the deflated bytes, because its chunk also
+/// has the checksum of all strips.
 struct Strip {
   Bytes data;
-  uint32_t adler = 0;
+  uint32_t adler = 0;  // of the unpacked bytes
   size_t raw_bytes = 0;
 };
 
-/// `count` RGBA pixels without their alpha.
-std::vector<uint8_t> without_alpha(const uint8_t* rgba, size_t count) {
-  std::vector<uint8_t> rgb(3 * count);
-  for (size_t i = 0; i < count; ++i) std::memcpy(rgb.data() + 3 * i, rgba + 4 * i, 3);
-  return rgb;
-}
-
-/// A deflater of raw data, without zlib's header, with a window of 32 KiB.
-class Deflater {
+/// Filters and deflates strips of a picture, one after the other. A thread has its own, whose memory is used again for
+/// each strip.
+class StripEncoder {
  public:
-  explicit Deflater(int level)
-      : is_open_(deflateInit2(&stream, level, Z_DEFLATED, -15, 8, Z_DEFAULT_STRATEGY) == Z_OK) {}
-  Deflater(const Deflater&) = delete;
-  Deflater& operator=(const Deflater&) = delete;
-  ~Deflater() {
-    if (is_open_) deflateEnd(&stream);
+  StripEncoder(const PixelView& picture, uint32_t channels, bool is_small)
+      : picture_(picture),
+        channels_(channels),
+        row_bytes_(size_t{picture.width} * channels),
+        is_small_(is_small),
+        filter_(row_bytes_, channels) {
+    for (std::vector<uint8_t>& row : rgb_)
+      if (channels != picture.channels) row.resize(row_bytes_);
   }
-  bool is_open() const { return is_open_; }  // false: no memory
 
-  z_stream stream{};
+  /// Rows [first, first + count), deflated, and their checksum.
+  std::span<const std::byte> encode(uint32_t first, uint32_t count, Strip& out) {
+    raw_.resize((1 + row_bytes_) * count);
+    const uint8_t* above = first == 0 ? nullptr : row(first - 1);
+    for (uint32_t y = 0; y < count; ++y) {
+      const uint8_t* const pixels = row(first + y);
+      filter_.filter(pixels, above, is_small_, raw_.data() + y * (1 + row_bytes_));
+      above = pixels;
+    }
+    out.raw_bytes = raw_.size();
+    out.adler = isal_adler32(1, raw_.data(), raw_.size());
+    return deflater_.deflate(raw_, first + count == picture_.height);
+  }
 
  private:
-  const bool is_open_;
+  /// The pixels of a row, without their alpha if it is left out; valid for the next call too.
+  const uint8_t* row(uint32_t y) {
+    const uint8_t* const from = picture_.bytes.data() + size_t{y} * picture_.width * picture_.channels;
+    if (channels_ == picture_.channels) return from;
+    uint8_t* const to = rgb_[y % 2].data();
+    for (size_t i = 0; i < picture_.width; ++i) std::memcpy(to + 3 * i, from + 4 * i, 3);
+    return to;
+  }
+
+  const PixelView& picture_;
+  const uint32_t channels_;
+  const size_t row_bytes_;
+  const bool is_small_;
+  RowFilter filter_;
+  Deflater deflater_;
+  std::vector<uint8_t> rgb_[2];
+  std::vector<uint8_t> raw_;
 };
 
-/// Filters and deflates rows [first, first + count). Returns false if zlib has no memory.
-bool deflate_strip(const PixelView& picture, uint32_t channels, uint32_t first, uint32_t count, bool is_small,
-                   Strip& out) {
-  const size_t row_bytes = size_t{picture.width} * channels;
-  const uint32_t before = first == 0 ? 0 : 1;  // the row above the strip
-  const uint8_t* rows = picture.bytes.data() + size_t{first - before} * picture.width * picture.channels;
-  std::vector<uint8_t> rgb;
-  if (channels != picture.channels) {
-    rgb = without_alpha(rows, size_t{picture.width} * (count + before));
-    rows = rgb.data();
+/// The encoders of the threads that work on a picture.
+class StripEncoders {
+ public:
+  StripEncoders(const PixelView& picture, uint32_t channels, bool is_small)
+      : picture_(picture), channels_(channels), is_small_(is_small) {}
+
+  std::unique_ptr<StripEncoder> take() {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!free_.empty()) {
+        std::unique_ptr<StripEncoder> taken = std::move(free_.back());
+        free_.pop_back();
+        return taken;
+      }
+    }
+    return std::make_unique<StripEncoder>(picture_, channels_, is_small_);
   }
-  std::vector<uint8_t> raw((1 + row_bytes) * count);
-  RowFilter filter(row_bytes, channels);
-  for (uint32_t y = 0; y < count; ++y) {
-    const uint8_t* const row = rows + (y + before) * row_bytes;
-    filter.filter(row, y + before == 0 ? nullptr : row - row_bytes, is_small, raw.data() + y * (1 + row_bytes));
+  void give_back(std::unique_ptr<StripEncoder> encoder) {
+    const std::lock_guard lock(mutex_);
+    free_.push_back(std::move(encoder));
   }
-  out.raw_bytes = raw.size();
-  out.adler = static_cast<uint32_t>(adler32_z(1, raw.data(), raw.size()));
-  Deflater deflater(is_small ? 3 : 1);
-  if (!deflater.is_open()) return false;
-  z_stream& stream = deflater.stream;
-  const bool is_last = first + count == picture.height;
-  out.data.resize(deflateBound(&stream, static_cast<uLong>(raw.size())) + 16);
-  stream.next_in = raw.data();
-  stream.avail_in = static_cast<uInt>(raw.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data.data());
-  stream.avail_out = static_cast<uInt>(out.data.size());
-  const int status = deflate(&stream, is_last ? Z_FINISH : Z_FULL_FLUSH);
-  const bool is_done = status == (is_last ? Z_STREAM_END : Z_OK) && stream.avail_in == 0 && stream.avail_out > 0;
-  out.data.resize(stream.total_out);
-  return is_done;
-}
+
+ private:
+  const PixelView& picture_;
+  const uint32_t channels_;
+  const bool is_small_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<StripEncoder>> free_;
+};
 
 void append_big_endian(Bytes& out, uint32_t value) {
   append_bytes(out, value >> 24, value >> 16, value >> 8, value);
@@ -178,16 +236,23 @@ Result<void> make_png(const PixelView& picture, const PngOptions& options, const
   assert(row_bytes <= size_t{1} << 24);
   const uint32_t per_strip = static_cast<uint32_t>(std::max(kStripBytes / (row_bytes + 1), size_t{1}));
   std::vector<Strip> strips((picture.height + per_strip - 1) / per_strip);
-  std::atomic<bool> is_left{false}, has_failed{false};
+  StripEncoders encoders(picture, channels, options.is_small);
+  std::atomic<bool> is_left{false};
   constexpr std::byte kZlibHead[2] = {std::byte{0x78}, std::byte{0x01}};
   const auto head_of = [&](uint64_t strip) { return std::span<const std::byte>(kZlibHead, strip == 0 ? 2 : 0); };
   const auto make_strip = [&](uint64_t i) {
     if (is_left || (options.is_abandoned && options.is_abandoned())) return is_left.store(true);
     const uint32_t first = static_cast<uint32_t>(i) * per_strip;
     const uint32_t count = std::min(per_strip, picture.height - first);
-    if (!deflate_strip(picture, channels, first, count, options.is_small, strips[i])) has_failed = true;
+    std::unique_ptr<StripEncoder> encoder = encoders.take();
+    const std::span<const std::byte> deflated = encoder->encode(first, count, strips[i]);
     // The last one gets the checksum of all strips.
-    if (i + 1 < strips.size()) strips[i].data = make_chunk("IDAT", {head_of(i), strips[i].data});
+    if (i + 1 < strips.size()) {
+      strips[i].data = make_chunk("IDAT", {head_of(i), deflated});
+    } else {
+      strips[i].data.assign(deflated.begin(), deflated.end());
+    }
+    encoders.give_back(std::move(encoder));
   };
   if (options.workers != nullptr) {
     options.workers->for_each(strips.size(), make_strip);
@@ -195,7 +260,6 @@ Result<void> make_png(const PixelView& picture, const PngOptions& options, const
     for (uint64_t i = 0; i < strips.size(); ++i) make_strip(i);
   }
   if (is_left) return {};
-  if (has_failed) return out_of_memory();
 
   Bytes head;
   append_big_endian(head, picture.width);

@@ -26,7 +26,7 @@ struct PixelView {
 using IsAbandoned = std::function<bool()>;
 
 struct PngOptions {
-  bool is_small = false;       // takes twice the time, for up to 10% fewer bytes
+  bool is_small = false;       // tries all filters, not two: 1 to 6% fewer bytes, in two to three times the time
   bool has_alpha = true;       // false: a fourth channel is left out
   Workers* workers = nullptr;  // null: the caller's thread does all the work
   IsAbandoned is_abandoned{};

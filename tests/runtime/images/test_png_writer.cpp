@@ -67,7 +67,7 @@ TEST_CASE("a PNG in strips has every pixel, whatever the threads", "[image][png]
       if (width <= scree::runtime::kMaxDecodedSide) check_pixels(picture, has_alpha, file);
       sizes[is_small ? 1 : 0] = file.size();
     }
-    if (width > 300 && width <= scree::runtime::kMaxDecodedSide) CHECK(sizes[1] < sizes[0]);
+    CHECK(sizes[1] <= sizes[0] + sizes[0] / 500);  // a smaller sum of differences need not deflate better
   }
 }
 
