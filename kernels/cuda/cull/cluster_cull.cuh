@@ -121,7 +121,8 @@ __global__ void __launch_bounds__(kCullThreads)
   }
   __syncthreads();
   const uint64_t first = (before_block >> kWorkBits) + first_in_block;
-  if (seen) clusters.places[first + rank] = {in_bucket[bucket] + before, bucket};
+  if (seen)
+    clusters.places[first + rank] = {in_bucket[bucket] + before, bucket, static_cast<uint32_t>(packed & kWorkMask)};
   constexpr uint32_t kPieces = sizeof(ClusterDraw) / sizeof(uint4);
   const auto* from = reinterpret_cast<const uint4*>(of_this_warp);
   auto* to = reinterpret_cast<uint4*>(clusters.draws + first);
@@ -131,10 +132,11 @@ __global__ void __launch_bounds__(kCullThreads)
 
 inline constexpr uint32_t kPlaceThreads = kNearBuckets;
 
-/// Orders the draws by their buckets, and stores the prefix sum of their work. One thread per draw; in the first step,
-/// one per bucket.
+/// Orders the draws by their buckets, stores the prefix sum of their work, and finds the first draw of each run of work.
+/// One thread per draw; in the first step, one per bucket.
 __global__ void __launch_bounds__(kPlaceThreads)
-    place_cluster_draws(const FrameCounters* counters, const DrawPlace* places, OrderedDraw* order) {
+    place_cluster_draws(const FrameCounters* counters, const DrawPlace* places, OrderedDraw* order,
+                        uint32_t* first_of_run) {
   __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
   __shared__ uint64_t of_warp[kPlaceThreads / kWarpLanes];
   const uint64_t draw_count = counters->draws >> kWorkBits;
@@ -152,7 +154,11 @@ __global__ void __launch_bounds__(kPlaceThreads)
   __syncthreads();
   if (draw >= draw_count) return;
   const uint64_t base = first_of_bucket[place.bucket] + place.before;
-  order[base >> kWorkBits] = {base & kWorkMask, draw};
+  const auto index = static_cast<uint32_t>(base >> kWorkBits);
+  const uint64_t work = base & kWorkMask;
+  order[index] = {work, draw};
+  for (uint64_t run = (work + kRunWork - 1) / kRunWork; run * kRunWork < work + place.work; ++run)
+    first_of_run[run] = index;
 }
 
 /// The tests of clusters. A cluster that fails one is culled.
@@ -181,10 +187,11 @@ struct WorkRange {
   uint64_t end;
 };
 
-/// The groups of a round: up to the share ((round + 1) / rounds)^3 of all groups, from near to far.
+/// The groups of a round: whole runs, up to the share ((round + 1) / rounds)^3 of all groups, from near to far.
 __device__ inline WorkRange work_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
   const auto end_of = [&](uint64_t round_count) {
-    return total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
+    const uint64_t end = total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
+    return round_count == rounds ? end : end / kRunWork * kRunWork;
   };
   return {end_of(round), end_of(round + 1)};
 }
@@ -243,7 +250,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     if (lane == 0) taken = static_cast<uint32_t>(WarpTeam::add(&counters.next_run[cull.pass], uint64_t{1}));
     const uint64_t end = min_of(start + most, work.end);
     // 32 consecutive groups belong to at most 32 consecutive draws.
-    const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return order[i].work_before; });
+    const uint32_t first_draw = cull.list.first_of_run[start / kRunWork];
     const OrderedDraw mine = first_draw + lane < draw_count ? order[first_draw + lane] : OrderedDraw{~uint64_t{0}, 0};
     const uint64_t work_index = start + lane;
     uint32_t ahead = 0;

@@ -62,6 +62,7 @@ struct alignas(16) ClusterChunk {
 struct alignas(16) DrawPlace {
   uint64_t before;  // number of draws above their work, in its bucket
   uint32_t bucket;
+  uint32_t work;  // of the draw
 };
 
 /// An entry of the draws' order from near to far. A draw's work is the number of its groups of 32 clusters.
@@ -69,6 +70,9 @@ struct alignas(16) OrderedDraw {
   uint64_t work_before;  // sum of the work of the entries before
   uint32_t draw;         // index in ClusterList::draws
 };
+
+/// Runs of this much work have an entry in ClusterList::first_of_run.
+inline constexpr uint32_t kRunWork = 32;
 
 /// A group of 32 clusters of a chunk of an instance. In a small scene a warp culls it. Made once.
 struct ClusterGroup {
@@ -114,6 +118,7 @@ struct ClusterList {
   ClusterDraw* draws;  // room for DrawTables::cluster_draws, in any order; in a small scene one per ClusterGroup
   DrawPlace* places;   // by draw
   OrderedDraw* order;
+  uint32_t* first_of_run;  // by run of kRunWork: the entry of `order` with its first work
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

@@ -268,7 +268,7 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
                     buffers.in_two_passes());
     recorder.launch(kMain, place_cluster_draws,
                     static_cast<uint32_t>((buffers.traits.cluster_draws - 1) / kPlaceThreads + 1), kPlaceThreads, 0,
-                    list.counters, buffers.draw_places.data(), buffers.draw_order.data());
+                    list.counters, buffers.draw_places.data(), buffers.draw_order.data(), buffers.first_of_run.data());
   }
 }
 

@@ -19,6 +19,11 @@ bool suits_small_scene(const CandidateCounts& candidates, const CudaQueueSizes& 
   return candidates.indexed == 0 && candidates.cluster_groups < sizes.two_pass_groups;
 }
 
+/// Entries of ClusterList::first_of_run.
+uint64_t runs_of(uint64_t groups) {
+  return (groups + kRunWork - 1) / kRunWork;
+}
+
 }  // namespace
 
 uint64_t FrameBuffers::device_bytes(const SceneView& host, const CudaQueueSizes& sizes) {
@@ -32,7 +37,9 @@ uint64_t FrameBuffers::device_bytes(const SceneView& host, const CudaQueueSizes&
   const uint64_t small_groups = is_small ? candidates.cluster_groups : 0;
   if (candidates.clustered != 0) {
     bytes += candidates.clustered * sizeof(CandidateDraw) +
-             (is_small ? 0 : candidates.cluster_draws * (sizeof(DrawPlace) + sizeof(OrderedDraw))) +
+             (is_small ? 0
+                       : candidates.cluster_draws * (sizeof(DrawPlace) + sizeof(OrderedDraw)) +
+                             runs_of(candidates.cluster_groups) * sizeof(uint32_t)) +
              max_of(candidates.cluster_draws, small_groups) * sizeof(ClusterDraw) +
              small_groups * sizeof(ClusterGroup) + host.chunk_count * sizeof(ClusterChunk) +
              host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
@@ -68,6 +75,7 @@ Result<void> FrameBuffers::open_clusters(const SceneView& host, const DrawTables
   } else {
     SCREE_TRY(draw_places.allocate(tables.cluster_draws, kDrawList));
     SCREE_TRY(draw_order.allocate(tables.cluster_draws, kDrawList));
+    SCREE_TRY(first_of_run.allocate(runs_of(tables.cluster_groups), kDrawList));
   }
   SCREE_TRY(draws.allocate(max_of(tables.cluster_draws, small_scene_groups.count()), kDrawList));
   if (in_two_passes()) SCREE_TRY(hints.allocate(tables.cluster_groups, "allocating a bit for each cluster"));
@@ -108,6 +116,7 @@ ClusterList FrameBuffers::cluster_list(const FrameView& frame) const {
           draws.data(),
           draw_places.data(),
           draw_order.data(),
+          first_of_run.data(),
           queues.items.data(),
           queues.items.count(),
           queues.to_clip.data(),

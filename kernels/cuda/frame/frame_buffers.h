@@ -48,6 +48,7 @@ struct FrameBuffers {
   DeviceArray<ClusterDraw> draws;
   DeviceArray<DrawPlace> draw_places;
   DeviceArray<OrderedDraw> draw_order;
+  DeviceArray<uint32_t> first_of_run;
   DeviceArray<ClusterGroup> small_scene_groups;
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
