@@ -24,10 +24,11 @@ struct FrameRange {
   uint64_t frame(uint64_t index) const { return first + part + index * parts; }
 };
 
-/// The rank below `ranks` that draws frame `index` of `frames` frames. A rank has runs of about eight neighbouring
-/// frames or more, because a GPU draws faster if the camera has moved little. All ranks have as many runs, so that
-/// parts of a path that take longer are shared. Ranks take turns in the order 0 1 2, 2 1 0, so that none has the longer
-/// frames each time if the time of frames grows along the path. `frames`: at most 2^32, `ranks`: at most 2^20.
+/// The rank below `ranks` to whose host frame `index` of `frames` frames belongs. A rank has runs of about eight
+/// neighbouring frames or more, because a GPU draws faster if the camera has moved little. All ranks have as many runs,
+/// so that hosts share the parts of a path that take longer. Ranks take turns in the order 0 1 2, 2 1 0, so that none
+/// has the longer frames each time if the time of frames grows along the path. `frames`: at most 2^32, `ranks`: at most
+/// 2^20.
 uint32_t rank_of_frame(uint64_t index, uint64_t frames, uint64_t ranks);
 
 /// Parses "0:600" (frames 0 to 599), "3/8" (the third of eight shares, counted from 1), or both, "0:600,3/8". Errors

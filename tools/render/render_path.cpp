@@ -1,6 +1,7 @@
 #include "tools/render/render_path.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -31,6 +32,7 @@
 #include "tools/render/camera_path.h"
 #include "tools/render/outputs.h"
 #include "tools/render/ranked_frame.h"
+#include "tools/render/shared_frames.h"
 
 namespace scree::tools {
 namespace {
@@ -78,10 +80,12 @@ class PathRenderer {
   /// Called by all ranks. Opens the scene and checks all outputs and cameras before any frame is drawn. An error is the
   /// lowest rank's.
   Result<void> prepare() {
-    if (!options_.path->shares_geometry || ranks_.count() == 1) return ranks_.agree(prepare_own());
     Result<void> done = ranks_.agree(choose_frames());
-    if (done) done = want_frames_of_all();
-    if (!done || wanted_.empty()) return done;
+    if (done) done = want_frames();
+    if (!done) return done;
+    if (!shares_geometry()) return ranks_.agree(prepare_own());
+    if (wanted_.empty()) return {};
+    taken_ = wanted_;
     if (const Result<uint64_t> rest = share_host_memory(); !rest) return ranks_.agree(rest.error());
     if (options_.backend.gpus != 1)
       return ranks_.agree(Error{ErrorCode::kUsage, "--gpus cannot be used when ranks share the geometry"});
@@ -102,34 +106,53 @@ class PathRenderer {
  private:
   uint32_t width() const { return options_.camera.width; }
   uint32_t height() const { return options_.camera.height; }
+  /// Whether all ranks draw every frame.
+  bool shares_geometry() const { return options_.path->shares_geometry && ranks_.count() > 1; }
 
   /// For frames that this rank draws alone.
   Result<void> prepare_own() {
-    SCREE_TRY(choose_frames());
-    for (const uint64_t frame : frames_) wanted_.push_back({frame, ranks_.rank()});
     if (wanted_.empty()) return {};
     SCREE_TRY(open());
     return check_cameras();
   }
 
-  /// For frames that all ranks draw: fills wanted_. Each rank has looked for its own share of the files, and writes it.
-  Result<void> want_frames_of_all() {
+  /// Fills wanted_. Each rank has looked for its own share of the files.
+  Result<void> want_frames() {
     std::vector<uint64_t> is_there(range_.count());
     for (uint64_t i = 0; i < is_there.size(); ++i)
-      is_there[i] = std::binary_search(frames_.begin(), frames_.end(), range_.frame(i)) ? 0 : 1;
+      is_there[i] = std::binary_search(missing_.begin(), missing_.end(), range_.frame(i)) ? 0 : 1;
     SCREE_TRY(ranks_.least(is_there));
-    for (uint64_t i = 0; i < is_there.size(); ++i)
-      if (is_there[i] == 0) wanted_.push_back({range_.frame(i), writer(i)});
+    const uint32_t own_host = ranks_.first_on_host();
+    const std::vector<std::byte> bytes = SCREE_TRY(ranks_.share(std::as_bytes(std::span(&own_host, 1))));
+    const std::span<const uint32_t> host_of(reinterpret_cast<const uint32_t*>(bytes.data()), ranks_.count());
+    for (uint64_t i = 0; i < is_there.size(); ++i) {
+      if (is_there[i] != 0) continue;
+      if (shares_geometry()) {
+        wanted_.push_back({range_.frame(i), rank_of(i)});
+      } else if (host_of[rank_of(i)] == own_host) {
+        wanted_.push_back({range_.frame(i), ranks_.rank()});
+      }
+    }
+    if (shares_geometry()) return {};
+    const std::span<std::atomic<uint64_t>> words =
+        SCREE_TRY(ranks_.words_of_host(SharedFrames::words(ranks_.count_on_host())));
+    const auto drawing = static_cast<uint32_t>(std::min<uint64_t>(wanted_.size(), ranks_.count_on_host()));
+    if (ranks_.rank_on_host() >= drawing) {
+      wanted_.clear();
+    } else {
+      frames_of_host_.emplace(words, wanted_.size(), ranks_.rank_on_host(), drawing);
+    }
     return {};
   }
 
-  /// The rank that writes frame `index` of range_.
-  uint32_t writer(uint64_t index) const {
+  /// The rank that looks for the files of frame `index` of range_. If ranks share the geometry, it also writes them;
+  /// otherwise the ranks of its host draw and write the frame.
+  uint32_t rank_of(uint64_t index) const {
     if (options_.path->shares_geometry) return static_cast<uint32_t>(index % ranks_.count());
     return rank_of_frame(index, range_.count(), ranks_.count());
   }
 
-  /// Fills frames_ with the frames that this rank writes.
+  /// Sets range_, and fills missing_ with the frames of this rank's share of the files.
   Result<void> choose_frames() {
     const std::pair<const std::string*, Layer> wanted[] = {
         {&options_.output, Layer::kColor}, {&options_.depth, Layer::kDepth}, {&options_.visbuffer, Layer::kSamples}};
@@ -145,11 +168,12 @@ class PathRenderer {
       return Error{ErrorCode::kUsage, "--frames: " + options_.path->file + " has " + std::to_string(count) +
                                           " frames, from 0 on, at " + number(path_.frames_per_second()) +
                                           " per second"};
+    if (range_.count() > UINT32_MAX) return Error{ErrorCode::kRange, "--frames: at most 2^32 - 1 frames"};
     for (uint64_t i = 0; i < range_.count(); ++i) {
-      if (writer(i) != ranks_.rank()) continue;
+      if (rank_of(i) != ranks_.rank()) continue;
       const uint64_t frame = range_.frame(i);
       const bool is_there = SCREE_TRY(is_done(frame));
-      if (!is_there) frames_.push_back(frame);
+      if (!is_there) missing_.push_back(frame);
     }
     return {};
   }
@@ -280,7 +304,7 @@ class PathRenderer {
   }
 
   Result<void> draw_all() {
-    progress_.stage("render", frames_.size(), "frames");
+    progress_.stage("render", shared_ ? missing_.size() : wanted_.size(), "frames");
     const StopOnSignal handlers("existing frames are complete; --resume draws the others");
     convert::WorkerPool pool(options_.threads, nullptr);
     convert::OrderedResults<WrittenFrame> written(pool, false);
@@ -288,7 +312,8 @@ class PathRenderer {
       WrittenFrame done = SCREE_TRY(written.take());
       write_ms_ += done.wall_ms;
       std::move(done.layers.begin(), done.layers.end(), std::back_inserter(free_));
-      progress_.update(++done_, 0);
+      ++done_;
+      progress_.update(shared_ ? done_ : frames_of_host_->count_written(), 0);
       return {};
     };
     // The last frame that was drawn, while its outputs are copied from a GPU beside the drawing of the next one.
@@ -307,11 +332,15 @@ class PathRenderer {
       written.submit([this, job, all](uint32_t) { return write(*job, all); }, 0);
       return {};
     };
-    for (size_t next = 0; next < wanted_.size() || read || written.size() > 0;) {
+    for (size_t next = 0;;) {
       const bool is_stopped = StopOnSignal::flag()->load();
-      if (is_stopped && !read && written.size() == 0) return Error{ErrorCode::kFile, "interrupted"};
       const bool is_full = written.size() + (read ? 1 : 0) >= most_waiting_;
-      const bool draws = !is_stopped && next < wanted_.size() && !is_full;
+      const bool draws = !is_stopped && !is_full && take_frame(next);
+      if (!draws && !read && written.size() == 0) {
+        if (is_stopped && (next < taken_.size() || (frames_of_host_ && frames_of_host_->has_left())))
+          return Error{ErrorCode::kFile, "interrupted"};
+        return {};
+      }
       if (written.ready() || (!draws && !read)) {
         SCREE_TRY(take());
         continue;
@@ -336,7 +365,14 @@ class PathRenderer {
       read = std::move(drawn);
       if (!reads_later()) SCREE_TRY(write_last());
     }
-    return {};
+  }
+
+  /// Whether there is a frame taken_[number]: takes it if ranks draw different frames.
+  bool take_frame(size_t number) {
+    if (number < taken_.size()) return true;
+    const std::optional<uint64_t> taken = frames_of_host_ ? frames_of_host_->take() : std::nullopt;
+    if (taken) taken_.push_back(wanted_[*taken]);
+    return taken.has_value();
   }
 
   /// Whether outputs are copied beside the next frame. A CPU has them at once.
@@ -346,10 +382,10 @@ class PathRenderer {
     return renderer_ != nullptr ? renderer_->end_reads() : Result<void>();
   }
 
-  /// Draws wanted_[number], and begins to read its outputs into `drawn`, if this rank writes the frame. The outputs of
+  /// Draws taken_[number], and begins to read its outputs into `drawn`, if this rank writes the frame. The outputs of
   /// the frame before are then read whole.
   Result<void> draw(size_t number, std::optional<DrawnFrame>& drawn) {
-    const WantedFrame& wanted = wanted_[number];
+    const WantedFrame wanted = taken_[number];
     const kernels::View view = SCREE_TRY(view_of(wanted.frame));
     Result<void> done = shared_ ? draw_shared(view, number) : draw_alone(view);
     if (!done || wanted.rank != ranks_.rank()) return done;
@@ -375,11 +411,11 @@ class PathRenderer {
     return end_reads();
   }
 
-  /// The same with all ranks, for wanted_[number].
+  /// The same with all ranks, for taken_[number].
   Result<void> draw_shared(const kernels::View& view, size_t number) {
     std::optional<kernels::View> next;
-    if (number + 1 < wanted_.size()) next = SCREE_TRY(view_of(wanted_[number + 1].frame));
-    SCREE_TRY(shared_->draw(view, wanted_[number].rank, next));
+    if (number + 1 < taken_.size()) next = SCREE_TRY(view_of(taken_[number + 1].frame));
+    SCREE_TRY(shared_->draw(view, taken_[number].rank, next));
     SCREE_TRY(end_reads());
     SCREE_TRY(shared_->shade());
     // Means over the ranks, when the report adds them up.
@@ -457,7 +493,7 @@ class PathRenderer {
   /// Prints the report of all ranks, at rank 0. Loading is the mean over ranks; drawing, shading and writing are sums
   /// over all frames (per frame in the text); the total time is rank 0's.
   Result<void> report() {
-    double sums[] = {static_cast<double>(frames_.size()),
+    double sums[] = {static_cast<double>(done_),
                      load_ms_,
                      draw_ms_,
                      shade_ms_,
@@ -534,9 +570,11 @@ class PathRenderer {
   Ranks& ranks_;
   Progress progress_;
   std::vector<Output> outputs_;
-  FrameRange range_;                 // of all ranks
-  std::vector<uint64_t> frames_;     // the frames to write
-  std::vector<WantedFrame> wanted_;  // the frames to draw: these, or those of all ranks
+  FrameRange range_;                            // of all ranks
+  std::vector<uint64_t> missing_;               // frames of this rank's share of the files
+  std::vector<WantedFrame> wanted_;             // frames to be drawn: by the ranks of this host, or by all ranks
+  std::optional<SharedFrames> frames_of_host_;  // indices of wanted_, unless all ranks draw every frame
+  std::vector<WantedFrame> taken_;              // frames that this rank has drawn or will draw next
   std::shared_ptr<runtime::LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry

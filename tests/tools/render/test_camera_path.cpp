@@ -1,9 +1,15 @@
 #include "tools/render/camera_path.h"
 
+#include <algorithm>
+#include <atomic>
+#include <optional>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "tests/results.h"
 #include "tools/render/path_frames.h"
+#include "tools/render/shared_frames.h"
 
 using scree::ErrorCode;
 using scree::Result;
@@ -144,6 +150,52 @@ TEST_CASE("ranks draw runs of frames, equally many each", "[path]") {
       if (frames == 120 && ranks == 2) CHECK(*longest < 1.001 * *shortest);  // 1.15 if they took turns as 0 1, 0 1
       if (ranks > 1) CHECK(runs >= std::min<uint64_t>(frames, ranks));
     }
+}
+
+TEST_CASE("ranks of a host take each frame once, and neighbouring frames one after the other", "[path]") {
+  for (const uint32_t ranks : {1, 2, 3, 4, 7})
+    for (const uint64_t frames : {uint64_t{ranks}, uint64_t{20}, uint64_t{601}})
+      for (const bool has_slow_rank : {false, true}) {
+        CAPTURE(ranks, frames, has_slow_rank);
+        std::vector<std::atomic<uint64_t>> words(SharedFrames::words(ranks));
+        std::vector<SharedFrames> shares;
+        for (uint32_t rank = 0; rank < ranks; ++rank) shares.emplace_back(words, frames, rank, ranks);
+        std::vector<int> drawn(frames);
+        std::vector<uint64_t> last(ranks, UINT64_MAX);
+        uint64_t jumps = 0;
+        for (uint64_t turn = 0; shares[0].has_left(); ++turn)
+          for (uint32_t rank = 0; rank < ranks; ++rank) {
+            if (has_slow_rank && rank == 0 && turn % 4 != 0) continue;
+            const std::optional<uint64_t> frame = shares[rank].take();
+            if (!frame) continue;
+            REQUIRE(*frame < frames);
+            ++drawn[*frame];
+            const uint64_t distance = *frame > last[rank] ? *frame - last[rank] : last[rank] - *frame;
+            if (last[rank] != UINT64_MAX && distance != 1) ++jumps;
+            last[rank] = *frame;
+            CHECK(shares[rank].count_written() <= frames);
+          }
+        CHECK(drawn == std::vector<int>(frames, 1));
+        CHECK_FALSE(shares[ranks - 1].take());
+        CHECK(shares[0].count_written() == frames + 1);
+        if (ranks <= 2) CHECK(jumps == 0);
+        if (!has_slow_rank) CHECK(jumps <= ranks);
+      }
+}
+
+TEST_CASE("threads that take frames at the same time get each of them once", "[path]") {
+  constexpr uint32_t kRanks = 5;
+  constexpr uint64_t kFrames = 20000;
+  std::vector<std::atomic<uint64_t>> words(SharedFrames::words(kRanks));
+  std::vector<std::atomic<int>> drawn(kFrames);
+  std::vector<std::thread> threads;
+  for (uint32_t rank = 0; rank < kRanks; ++rank)
+    threads.emplace_back([&, rank] {
+      SharedFrames shares(words, kFrames, rank, kRanks);
+      while (const std::optional<uint64_t> frame = shares.take()) ++drawn[*frame];
+    });
+  for (std::thread& thread : threads) thread.join();
+  CHECK(std::count(drawn.begin(), drawn.end(), 1) == kFrames);
 }
 
 TEST_CASE("a frame's number is written into its name once", "[path]") {

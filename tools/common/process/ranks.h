@@ -1,6 +1,7 @@
 // The processes (ranks) that mpirun or srun start for one command line. They share its work.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -20,6 +21,9 @@ class Ranks {
   uint32_t rank() const { return rank_; }
   uint32_t count() const { return count_; }
   uint32_t rank_on_host() const { return rank_on_host_; }
+  uint32_t count_on_host() const { return count_on_host_; }
+  /// The rank that is the first on this rank's host.
+  uint32_t first_on_host() const { return first_on_host_; }
   bool is_first() const { return rank_ == 0; }
 
   /// Called by all ranks, each with its own result: returns success only if all succeeded. The lowest rank with an
@@ -29,6 +33,10 @@ class Ranks {
 
   /// Called by all ranks when their work is done. A rank that fails calls end_all_ranks() instead.
   void leave();
+
+  /// Called by all ranks, once. Returns memory that the ranks of a host share, with `count` words, which are 0 when the
+  /// first rank gets them. It is valid until leave(). Errors kFile.
+  Result<std::span<std::atomic<uint64_t>>> words_of_host(size_t count);
 
   /// Called by all ranks with the same number of bytes. Returns the bytes of all ranks, rank by rank. Errors kFile.
   Result<std::vector<std::byte>> share(std::span<const std::byte> own);
@@ -53,6 +61,9 @@ class Ranks {
   uint32_t rank_ = 0;
   uint32_t count_ = 1;
   uint32_t rank_on_host_ = 0;
+  uint32_t count_on_host_ = 1;
+  uint32_t first_on_host_ = 0;
+  std::vector<std::atomic<uint64_t>> own_words_;  // words_of_host() of a single rank
 };
 
 /// Ends all ranks with this code, if there are several, so that they do not wait for a rank that failed. Called by main

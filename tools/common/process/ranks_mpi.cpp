@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <memory>
 #include <string>
 
 #include <mpi.h>
@@ -34,6 +35,10 @@ bool is_running() {
   return begun != 0 && ended == 0;
 }
 
+/// The ranks of this host, and the memory of words_of_host(), while there are several ranks.
+MPI_Comm host = MPI_COMM_NULL;
+MPI_Win words = MPI_WIN_NULL;
+
 std::string host_name() {
   char name[256] = {};
   return ::gethostname(name, sizeof name - 1) == 0 ? name : "a host without a name";
@@ -44,20 +49,23 @@ std::string host_name() {
 Result<Ranks> Ranks::join() {
   Ranks ranks;
   if (!is_launched()) return ranks;
-  int provided = 0, rank = 0, count = 1, rank_on_host = 0;
+  int provided = 0, rank = 0, count = 1, rank_on_host = 0, count_on_host = 1;
   if (!is_running()) SCREE_TRY(checked(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided), "MPI_Init"));
   MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
   MPI_Comm_rank(MPI_COMM_WORLD, &rank);
   MPI_Comm_size(MPI_COMM_WORLD, &count);
-  MPI_Comm host{};
   SCREE_TRY(checked(MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &host),
                     "MPI_Comm_split_type"));
+  MPI_Comm_set_errhandler(host, MPI_ERRORS_RETURN);
   MPI_Comm_rank(host, &rank_on_host);
-  MPI_Comm_free(&host);
+  MPI_Comm_size(host, &count_on_host);
+  ranks.first_on_host_ = static_cast<uint32_t>(rank);
+  SCREE_TRY(checked(MPI_Bcast(&ranks.first_on_host_, 1, MPI_UINT32_T, 0, host), "MPI_Bcast"));
   if (count == 1) ranks.leave();
   ranks.rank_ = static_cast<uint32_t>(rank);
   ranks.count_ = static_cast<uint32_t>(count);
   ranks.rank_on_host_ = static_cast<uint32_t>(rank_on_host);
+  ranks.count_on_host_ = static_cast<uint32_t>(count_on_host);
   return ranks;
 }
 
@@ -71,7 +79,29 @@ Result<void> Ranks::agree(Result<void> own) {
 }
 
 void Ranks::leave() {
-  if (is_running()) MPI_Finalize();
+  if (!is_running()) return;
+  if (words != MPI_WIN_NULL) MPI_Win_free(&words);
+  if (host != MPI_COMM_NULL) MPI_Comm_free(&host);
+  MPI_Finalize();
+}
+
+Result<std::span<std::atomic<uint64_t>>> Ranks::words_of_host(size_t count) {
+  if (count_ == 1) {
+    own_words_ = std::vector<std::atomic<uint64_t>>(count);
+    return std::span(own_words_);
+  }
+  constexpr int kWordBytes = sizeof(std::atomic<uint64_t>);
+  const auto bytes = static_cast<MPI_Aint>(rank_on_host_ == 0 ? count * kWordBytes : 0);
+  void* memory = nullptr;
+  SCREE_TRY(checked(MPI_Win_allocate_shared(bytes, kWordBytes, MPI_INFO_NULL, host, &memory, &words),
+                    "MPI_Win_allocate_shared"));
+  MPI_Aint size = 0;
+  int unit = 0;
+  SCREE_TRY(checked(MPI_Win_shared_query(words, 0, &size, &unit, &memory), "MPI_Win_shared_query"));
+  auto* const first = static_cast<std::atomic<uint64_t>*>(memory);
+  if (rank_on_host_ == 0) std::uninitialized_value_construct_n(first, count);
+  SCREE_TRY(checked(MPI_Barrier(host), "MPI_Barrier"));
+  return std::span(first, count);
 }
 
 Result<std::vector<std::byte>> Ranks::share(std::span<const std::byte> own) {
