@@ -19,13 +19,19 @@ function(scree_find_bundled target folder)
   endif()
 endfunction()
 
+# kind: STATIC, UNKNOWN (a shared library), or INTERFACE (only headers, no file).
+function(scree_imported_library target kind file header)
+  find_path(${target}_include NAMES ${header} REQUIRED)
+  add_library(scree::${target} ${kind} IMPORTED)
+  set_target_properties(scree::${target} PROPERTIES INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+  if(file)
+    set_target_properties(scree::${target} PROPERTIES IMPORTED_LOCATION "${file}")
+  endif()
+endfunction()
+
 function(scree_static_library target archive header)
   find_library(${target}_archive NAMES ${archive} REQUIRED)
-  find_path(${target}_include NAMES ${header} REQUIRED)
-  add_library(scree::${target} STATIC IMPORTED)
-  set_target_properties(scree::${target} PROPERTIES
-    IMPORTED_LOCATION "${${target}_archive}"
-    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+  scree_imported_library(${target} STATIC "${${target}_archive}" ${header})
 endfunction()
 
 scree_static_library(zstd libzstd.a zstd.h)
@@ -38,26 +44,15 @@ scree_static_library(turbojpeg libturbojpeg.a turbojpeg.h)
 
 function(scree_shared_library target name header)
   find_library(${target}_library NAMES ${name} REQUIRED)
-  find_path(${target}_include NAMES ${header} REQUIRED)
-  add_library(scree::${target} UNKNOWN IMPORTED)
-  set_target_properties(scree::${target} PROPERTIES
-    IMPORTED_LOCATION "${${target}_library}"
-    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
+  scree_imported_library(${target} UNKNOWN "${${target}_library}" ${header})
 endfunction()
 
 scree_shared_library(meshoptimizer meshoptimizer meshoptimizer.h)
 scree_shared_library(isal isal isa-l.h)
 
-function(scree_header_library target header)
-  find_path(${target}_include NAMES ${header} REQUIRED)
-  add_library(scree::${target} INTERFACE IMPORTED)
-  set_target_properties(scree::${target} PROPERTIES
-    INTERFACE_SYSTEM_INCLUDE_DIRECTORIES "${${target}_include}")
-endfunction()
-
-scree_header_library(tinygltf tiny_gltf.h)
-scree_header_library(nlohmann_json nlohmann/json.hpp)
-scree_header_library(cli11 CLI/CLI.hpp)
+scree_imported_library(tinygltf INTERFACE "" tiny_gltf.h)
+scree_imported_library(nlohmann_json INTERFACE "" nlohmann/json.hpp)
+scree_imported_library(cli11 INTERFACE "" CLI/CLI.hpp)
 
 # OpenEXR pictures. Without the library, writing one fails with an error that names the library.
 set(CMAKE_MESSAGE_LOG_LEVEL WARNING)  # Debian's Imath reports at length that another package is not installed

@@ -249,7 +249,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   for (uint64_t start = work.first + warp * most; start < work.end; start = next_start()) {
     if (lane == 0) taken = static_cast<uint32_t>(WarpTeam::add(&counters.next_run[cull.pass], uint64_t{1}));
     const uint64_t end = min_of(start + most, work.end);
-    // 32 consecutive groups belong to at most 32 consecutive draws.
+    // The 32 groups of a run belong to at most 32 consecutive draws.
+    static_assert(kRunWork == kWarpLanes);
     const uint32_t first_draw = cull.list.first_of_run[start / kRunWork];
     const OrderedDraw mine = first_draw + lane < draw_count ? order[first_draw + lane] : OrderedDraw{~uint64_t{0}, 0};
     const uint64_t work_index = start + lane;
