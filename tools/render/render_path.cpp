@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
 #include <future>
 #include <iterator>
 #include <memory>
@@ -30,6 +28,7 @@
 #include "tools/common/process/sigbus.h"
 #include "tools/common/process/stop_signal.h"
 #include "tools/render/camera_path.h"
+#include "tools/render/frame_files.h"
 #include "tools/render/outputs.h"
 #include "tools/render/ranked_frame.h"
 #include "tools/render/shared_frames.h"
@@ -187,7 +186,7 @@ class PathRenderer {
         if (!input->empty() && is_same_file(name, *input))
           return Error{ErrorCode::kUsage,
                        "frame " + std::to_string(frame) + " would replace " + *input + ", which is read"};
-      if (options_.path->resume && !SCREE_TRY(has_whole_file(output.layer, name))) is_whole = false;
+      if (options_.path->resume && !SCREE_TRY(has_whole_frame(output.layer, name, size()))) is_whole = false;
       if (options_.path->resume || options_.existing == format::Existing::kReplace) continue;
       if (const Result<void> checked = check_output_file(name, options_.existing); !checked)
         return Error{checked.error().code, checked.error().message + "; --resume keeps complete frames"};
@@ -195,46 +194,9 @@ class PathRenderer {
     return is_whole;
   }
 
-  /// The first bytes of a frame of this size: of a PFM, or of a PNG.
-  std::string beginning(Layer layer) const {
-    if (layer == Layer::kDepth) return "Pf\n" + std::to_string(width()) + " " + std::to_string(height()) + "\n-1.0\n";
-    std::string begin("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
-    for (const uint32_t side : {width(), height()})
-      for (int shift = 24; shift >= 0; shift -= 8) begin += static_cast<char>(side >> shift & 0xff);
-    return begin;
-  }
-
-  /// Whether a file begins and ends like an output of a frame of this size. Error kFile: --resume must not replace it,
-  /// because it is a frame of another size, or none. The beginning of a file that was lost with the machine's power may
-  /// be zero.
-  Result<bool> has_whole_file(Layer layer, const std::string& name) const {
-    std::error_code failed;
-    const uint64_t bytes = std::filesystem::file_size(name, failed);
-    if (failed) return false;
-    if (layer == Layer::kSamples) {  // without a header
-      if (bytes == 0 || bytes == samples() * sizeof(uint64_t)) return bytes != 0;
-      return Error{ErrorCode::kFile, name + ": is no visibility buffer of this size; --resume does not replace it"};
-    }
-    const std::string begin = beginning(layer);
-    std::string head(begin.size(), '\0'), tail(12, '\0');
-    std::ifstream file(name, std::ios::binary);
-    file.read(head.data(), static_cast<std::streamsize>(head.size()));
-    head.resize(static_cast<size_t>(file.gcount()));
-    if (head.empty() || head[0] == 0) return false;
-    const auto has = [&](size_t count) {
-      return head.substr(0, count) == begin.substr(0, std::min(count, head.size()));
-    };
-    if (!has(layer == Layer::kDepth ? 3 : 8))  // "Pf", or the signature of a PNG
-      return Error{ErrorCode::kFile, name + ": is no frame; --resume does not replace it"};
-    if (!has(begin.size()))
-      return Error{ErrorCode::kFile, name + ": is a frame of another size; --resume does not replace it"};
-    if (layer == Layer::kDepth) return bytes == begin.size() + pixels() * sizeof(float);
-    if (bytes < 45 || !file.seekg(-12, std::ios::end) || !file.read(tail.data(), 12)) return false;
-    return tail == std::string("\0\0\0\0IEND\xae\x42\x60\x82", 12);
-  }
-
-  uint64_t pixels() const { return uint64_t{width()} * height(); }
-  uint64_t samples() const { return pixels() * options_.samples_per_side * options_.samples_per_side; }
+  FrameSize size() const { return {width(), height(), options_.samples_per_side}; }
+  uint64_t pixels() const { return size().pixels(); }
+  uint64_t samples() const { return size().samples(); }
   /// Bytes of a layer of a frame, as it is read.
   uint64_t bytes_of(Layer layer) const { return layer == Layer::kSamples ? samples() * 8 : pixels() * 4; }
 
