@@ -49,6 +49,19 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
           {static_cast<float>(view.width - 1 - middle[0]), static_cast<float>(view.end_row - 1 - middle[1])}};
 }
 
+/// Bound on the error of w, as the filter of a chunk computes it for the chunk's vertices.
+template <bool kOrthographic>
+SCREE_HD inline float w_error(const CoverageFilter& filter) {
+  return 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - (1.0f - kBeforeNear));
+}
+
+/// The nearest depth code of triangles whose 1/w (orthographic: w) is at most `nearest`, before roundings.
+template <bool kOrthographic>
+SCREE_HD inline uint32_t nearest_code(float nearest) {
+  constexpr float kMore = 1.00001f;  // covers the roundings
+  return depth_code<kOrthographic>(fast_min(kOrthographic ? nearest : nearest * kMore, 1.0f));
+}
+
 /// Returns kCenters if a triangle whose vertices lie in the box may cover a pixel centre. Fills `out` unless it returns
 /// kNone: with the pixel centres that such triangles may cover, or for kBetween with those around the box. `filter`: of
 /// the box's whole chunk. `kClips`: returns kNone also for a box outside the view's clipping box.
@@ -66,9 +79,8 @@ SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const 
                                fused(filter.w[1], box.center[1], fused(filter.w[2], box.center[2], filter.w[3])));
   const float w_half_extent = kMore * (fast_abs(filter.w[0]) * box.extent[0] + fast_abs(filter.w[1]) * box.extent[1] +
                                        fast_abs(filter.w[2]) * box.extent[2]);
-  const float w_error = 2.0f * (kOrthographic ? filter.w_lowest : filter.w_lowest - (1.0f - kBeforeNear));
-  const float w_low = w_center - w_half_extent - w_error;
-  const float w_high = w_center + w_half_extent + w_error;
+  const float w_low = w_center - w_half_extent - w_error<kOrthographic>(filter);
+  const float w_high = w_center + w_half_extent + w_error<kOrthographic>(filter);
   // Comparisons are written so that NaN keeps the box.
   if constexpr (kOrthographic) {
     if (w_low > 1.0f || w_high < 0.0f) return BoxCoverage::kNone;
@@ -127,13 +139,13 @@ SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const 
     return BoxCoverage::kCenters;
   }
   out.pixels = {first[0], first[1], last[0], last[1]};
-  const float nearest = kOrthographic ? w_high : scale_low * kMore;
-  out.nearest_code = depth_code<kOrthographic>(fast_min(nearest, 1.0f));
+  const float nearest = kOrthographic ? w_high : scale_low;
+  out.nearest_code = nearest_code<kOrthographic>(nearest);
   if constexpr (kClips) {
     // The middle of a code is at most 2^-23 of a value (orthographic: 2^-28) away from it. Farther than 2^60, all
     // values share a code.
     const float lowest = kOrthographic ? w_low - 1e-6f : w_high < 1e18f ? 1.0f / (w_high * kMore) : 0.0f;
-    const float highest = kOrthographic ? w_high + 1e-6f : fast_max(nearest, 1e-18f);
+    const float highest = kOrthographic ? w_high + 1e-6f : fast_max(nearest * kMore, 1e-18f);
     if (!samples_may_be_in_clip_box(view.clip_box, view.width, view.height, first[0], first[1], last[0], last[1],
                                     lowest, highest))
       return BoxCoverage::kNone;

@@ -40,7 +40,7 @@ __global__ void __launch_bounds__(kThreads) intrinsics(uint32_t* wrong, unsigned
   expect(12, __funnelshift_l(0x89abcdefu, 0x01234567u, 8) == 0x23456789u);
   expect(13, __byte_perm(0x33221100u, 0x77665544u, 0x7031) == 0x77003311u);
   expect(14, __vmaxu2(0x0001ffffu, 0x00020001u) == 0x0002ffffu);
-  expect(15, __vmins2(0x0001ffffu, 0x00020001u) == 0x0001ffffu);
+  expect(15, __vmins2(0x0001ffffu, 0x00020001u) == 0x0001ffffu && __vsub2(0x00010003u, 0x0002ffffu) == 0xffff0004u);
   expect(16, __fns(0xf0u, 0, 2) == 5);
   expect(17, __ffs(0) == 0 && __ffs(8) == 4 && __popc(0xffu) == 8);
   atomicAdd(sums, uint64_t{thread});

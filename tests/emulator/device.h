@@ -290,6 +290,9 @@ inline uint32_t __vmaxs2(uint32_t a, uint32_t b) {
 inline uint32_t __vmins2(uint32_t a, uint32_t b) {
   return join_halves<int16_t>(a, b, [](int16_t x, int16_t y) { return std::min(x, y); });
 }
+inline uint32_t __vsub2(uint32_t a, uint32_t b) {
+  return join_halves<uint16_t>(a, b, [](uint16_t x, uint16_t y) { return static_cast<uint16_t>(x - y); });
+}
 inline uint32_t __vimax3_u16x2(uint32_t a, uint32_t b, uint32_t c) {
   return __vmaxu2(__vmaxu2(a, b), c);
 }

@@ -7,6 +7,7 @@
 #include "kernels/cuda/cull/cull.cuh"
 #include "kernels/cuda/frame/cluster_list.h"
 #include "kernels/cull/cluster_bounds.h"
+#include "kernels/raster/mask.h"
 
 namespace scree::kernels {
 
@@ -37,7 +38,8 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
     draw.base[i] = static_cast<int32_t>(from);
   }
   draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
-               (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
+               (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u) |
+               (scene.draws_blended || mask_of(scene, mesh) != nullptr ? ClusterDraw::kMasked : 0u);
   draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
   draw.hint_offset = clusters.hint_offset[instance] + chunk.hint_offset;
   draw.payload = scene.pages[chunk.page] + chunk.offset;
@@ -132,11 +134,11 @@ __global__ void __launch_bounds__(kCullThreads)
 
 inline constexpr uint32_t kPlaceThreads = kNearBuckets;
 
-/// Orders the draws by their buckets, stores the prefix sum of their work, and finds the first draw of each run of work.
-/// One thread per draw; in the first step, one per bucket.
+/// Orders the draws by their buckets, stores the prefix sum of their work, finds the first draw of each run of work,
+/// and sets kept_of_run, unless it is null, to zero. One thread per draw; in the first step, one per bucket.
 __global__ void __launch_bounds__(kPlaceThreads)
     place_cluster_draws(const FrameCounters* counters, const DrawPlace* places, OrderedDraw* order,
-                        uint32_t* first_of_run) {
+                        uint32_t* first_of_run, uint32_t* kept_of_run) {
   __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
   __shared__ uint64_t of_warp[kPlaceThreads / kWarpLanes];
   const uint64_t draw_count = counters->draws >> kWorkBits;
@@ -157,8 +159,75 @@ __global__ void __launch_bounds__(kPlaceThreads)
   const auto index = static_cast<uint32_t>(base >> kWorkBits);
   const uint64_t work = base & kWorkMask;
   order[index] = {work, draw};
-  for (uint64_t run = (work + kRunWork - 1) / kRunWork; run * kRunWork < work + place.work; ++run)
+  for (uint64_t run = (work + kRunWork - 1) / kRunWork; run * kRunWork < work + place.work; ++run) {
     first_of_run[run] = index;
+    if (kept_of_run != nullptr) kept_of_run[run] = 0;
+  }
+}
+
+/// A group of clusters.
+struct DrawGroup {
+  uint32_t draw;
+  uint32_t group;  // number in the draw's chunk
+};
+
+/// The group with work number `start` + the lane's number. If `start` is no multiple of kRunWork, only lane 0's result
+/// is valid.
+__device__ inline DrawGroup group_of_lane(const ClusterList& list, uint32_t draw_count, uint64_t start) {
+  // The 32 groups of a run belong to at most 32 consecutive draws.
+  static_assert(kRunWork == kWarpLanes);
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t first_draw = list.first_of_run[start / kRunWork];
+  const OrderedDraw mine =
+      first_draw + lane < draw_count ? list.order[first_draw + lane] : OrderedDraw{~uint64_t{0}, 0};
+  const uint64_t work = start + lane;
+  uint32_t ahead = 0;
+  for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
+    if (__shfl_sync(~0u, mine.work_before, static_cast<int>(ahead + step)) <= work) ahead += step;
+  }
+  const auto group = static_cast<uint32_t>(work - __shfl_sync(~0u, mine.work_before, static_cast<int>(ahead)));
+  return {__shfl_sync(~0u, mine.draw, static_cast<int>(ahead)), group};
+}
+
+/// Lists the clusters of the lanes' groups that `kept` has, from `first_slot` on (which differs between lanes).
+__device__ inline void list_clusters(const ClusterList& list, const DrawGroup& of, uint32_t kept, uint64_t first_slot) {
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  for (uint32_t left = __ballot_sync(~0u, kept != 0); left != 0; left &= left - 1) {
+    const int owner = __ffs(static_cast<int>(left)) - 1;
+    const uint32_t lanes = __shfl_sync(~0u, kept, owner);
+    const uint64_t slot = __shfl_sync(~0u, first_slot, owner) + rank_among(lanes);
+    const uint32_t cluster = __shfl_sync(~0u, of.group, owner) * format::kGroupClusters + lane;
+    const uint32_t draw = __shfl_sync(~0u, of.draw, owner);
+    if ((lanes >> lane & 1) != 0 && slot < list.item_capacity) list.items[slot] = {draw, cluster};
+  }
+}
+
+/// Lists the clusters of pass 1 that cull_clusters() kept, in the order of the draws: from near to far. cull_clusters()
+/// itself lists runs of groups as their warps finish, and in a scene of few groups all of them run at once. One warp
+/// per run.
+__global__ void __launch_bounds__(kCullThreads)
+    list_in_order(const __grid_constant__ ClusterList list, const FrameCounters* counters) {
+  __shared__ uint32_t of_warp[kCullWarps];
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t warp = threadIdx.x / kWarpLanes;
+  const uint64_t work = counters->draws & kWorkMask;
+  const uint32_t first_run = blockIdx.x * kCullWarps;
+  const uint32_t run = first_run + warp;
+  uint32_t before = 0;  // number of clusters of earlier runs
+  for (uint32_t i = threadIdx.x; i < first_run; i += kCullThreads) before += list.kept_of_run[i];
+  before = sum_of_lanes(before);
+  if (lane == 0) of_warp[warp] = before;
+  __syncthreads();
+  const uint64_t start = uint64_t{run} * kRunWork;
+  if (start >= work) return;
+  before = 0;
+  for (uint32_t i = 0; i < kCullWarps; ++i) before += of_warp[i];
+  for (uint32_t i = first_run; i < run; ++i) before += list.kept_of_run[i];
+  const DrawGroup group = group_of_lane(list, static_cast<uint32_t>(counters->draws >> kWorkBits), start);
+  const uint32_t kept = start + lane < work ? list.kept[start + lane] : 0;
+  uint32_t all;
+  const uint32_t before_lane = sum_before(static_cast<uint32_t>(__popc(kept)), lane, all);
+  list_clusters(list, group, kept, before + before_lane);
 }
 
 /// The tests of clusters. A cluster that fails one is culled.
@@ -236,7 +305,6 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const uint64_t first_item = clusters_before(counters, cull.pass);
   const WorkRange work = work_of_round(counters.draws & kWorkMask, cull.round, cull.rounds);
   const ClusterDraw* const draws = cull.list.draws;
-  const OrderedDraw* const order = cull.list.order;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
   // With few groups, each warp takes one group. Otherwise it takes 32 and tests their clusters one group after the
@@ -249,17 +317,10 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   for (uint64_t start = work.first + warp * most; start < work.end; start = next_start()) {
     if (lane == 0) taken = static_cast<uint32_t>(WarpTeam::add(&counters.next_run[cull.pass], uint64_t{1}));
     const uint64_t end = min_of(start + most, work.end);
-    // The 32 groups of a run belong to at most 32 consecutive draws.
-    static_assert(kRunWork == kWarpLanes);
-    const uint32_t first_draw = cull.list.first_of_run[start / kRunWork];
-    const OrderedDraw mine = first_draw + lane < draw_count ? order[first_draw + lane] : OrderedDraw{~uint64_t{0}, 0};
     const uint64_t work_index = start + lane;
-    uint32_t ahead = 0;
-    for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
-      if (__shfl_sync(~0u, mine.work_before, static_cast<int>(ahead + step)) <= work_index) ahead += step;
-    }
-    const uint32_t draw_number = __shfl_sync(~0u, mine.draw, static_cast<int>(ahead));
-    const auto group = static_cast<uint32_t>(work_index - __shfl_sync(~0u, mine.work_before, static_cast<int>(ahead)));
+    const DrawGroup of_lane = group_of_lane(cull.list, draw_count, start);
+    const uint32_t draw_number = of_lane.draw;
+    const uint32_t group = of_lane.group;
     bool shows = work_index < end;
     const bool looked_at = shows;
     uint32_t old_hints = 0;  // of the last frame
@@ -330,18 +391,16 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     }
     uint64_t all;
     const uint64_t before = sum_before(static_cast<uint64_t>(__popc(kept)), lane, all);
+    const bool in_order = kPass == ClusterPass::kPreviouslyVisible && cull.list.kept != nullptr;
+    if (in_order && looked_at) cull.list.kept[work_index] = kept;
     if (all == 0) continue;
     uint64_t first_slot = 0;
-    if (lane == 0) first_slot = WarpTeam::add(&counters.clusters[cull.pass], all);
-    first_slot = first_item + __shfl_sync(~0u, first_slot, 0) + before;
-    for (uint32_t left = __ballot_sync(~0u, kept != 0); left != 0; left &= left - 1) {
-      const int owner = __ffs(static_cast<int>(left)) - 1;
-      const uint32_t lanes = __shfl_sync(~0u, kept, owner);
-      const uint64_t slot = __shfl_sync(~0u, first_slot, owner) + rank_among(lanes);
-      const uint32_t cluster = __shfl_sync(~0u, group, owner) * format::kGroupClusters + lane;
-      const uint32_t of_draw = __shfl_sync(~0u, draw_number, owner);
-      if ((lanes >> lane & 1) != 0 && slot < cull.list.item_capacity) cull.list.items[slot] = {of_draw, cluster};
+    if (lane == 0) {
+      first_slot = WarpTeam::add(&counters.clusters[cull.pass], all);
+      if (in_order) atomicAdd(cull.list.kept_of_run + start / kRunWork, static_cast<uint32_t>(all));
     }
+    if (in_order) continue;
+    list_clusters(cull.list, of_lane, kept, first_item + __shfl_sync(~0u, first_slot, 0) + before);
   }
   tested = sum_of_lanes(tested);
   groups_tested = sum_of_lanes(groups_tested);

@@ -28,6 +28,7 @@ struct alignas(16) ClusterDraw {
   static constexpr uint32_t kMirrored = 1;
   static constexpr uint32_t kFarAway = 2;  // base + offset does not fit int32
   static constexpr uint32_t kDoubleSided = 4;
+  static constexpr uint32_t kMasked = 8;  // or blended: its samples are tested
 
   SCREE_HD uint32_t group_count() const {
     return (cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
@@ -90,7 +91,7 @@ struct ClusterItem {
 /// A triangle that may cover a pixel centre.
 struct SurvivorTriangle {
   uint32_t item;     // index in ClusterList::items
-  uint32_t corners;  // 7 bits each: the triangle's number in the cluster, and its corners' vertex numbers
+  uint32_t corners;  // 7 bits each: the triangle's number in the cluster, and its corners' vertex numbers; HiddenBox
 };
 
 /// A triangle that needs clipping. raster_clipped reads only instance, chunk and triangle; these copies save it the
@@ -119,6 +120,9 @@ struct ClusterList {
   DrawPlace* places;   // by draw
   OrderedDraw* order;
   uint32_t* first_of_run;  // by run of kRunWork: the entry of `order` with its first work
+  // If the clusters of pass 1 are listed in the order of the draws, else null (list_in_order()):
+  uint32_t* kept;         // by work: the clusters of the group that are drawn, one bit per cluster
+  uint32_t* kept_of_run;  // by run of kRunWork: their number
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

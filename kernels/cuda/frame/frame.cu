@@ -268,7 +268,8 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
                     buffers.in_two_passes());
     recorder.launch(kMain, place_cluster_draws,
                     static_cast<uint32_t>((buffers.traits.cluster_draws - 1) / kPlaceThreads + 1), kPlaceThreads, 0,
-                    list.counters, buffers.draw_places.data(), buffers.draw_order.data(), buffers.first_of_run.data());
+                    list.counters, buffers.draw_places.data(), buffers.draw_order.data(), buffers.first_of_run.data(),
+                    buffers.kept_of_run.data());
   }
 }
 
@@ -293,6 +294,11 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
         frame.clip_box.is_set ? cull_clusters<kOrthographic, kPass, true> : cull_clusters<kOrthographic, kPass, false>;
     recorder.launch(kMain, cull, resident.fill(kCullThreads), kCullThreads, 0,
                     cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
+    if (kPass == ClusterPass::kPreviouslyVisible && buffers.kept.count() != 0) {
+      const auto runs = static_cast<uint32_t>(buffers.kept_of_run.count());
+      recorder.launch(kMain, list_in_order, (runs - 1) / kCullWarps + 1, kCullThreads, 0, buffers.cluster_list(frame),
+                      small.list.counters);
+    }
   }
   const ClusterFrame clusters{small, buffers.cluster_list(frame), pass};
   // Not in parts of a frame: their last pass has no first pass to compare with.

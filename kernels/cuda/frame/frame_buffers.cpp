@@ -24,6 +24,13 @@ uint64_t runs_of(uint64_t groups) {
   return (groups + kRunWork - 1) / kRunWork;
 }
 
+/// Whether the clusters of pass 1 are listed in the order of the draws: in scenes with masks. With more groups than
+/// this the order of runs of groups suffices, because only a small part of them is culled at a time.
+bool lists_in_order(const SceneView& host, uint64_t groups, const CudaQueueSizes& sizes) {
+  constexpr uint64_t kMostGroups = uint64_t{1} << 18;
+  return host.masks != nullptr && groups >= sizes.two_pass_groups && groups <= kMostGroups;
+}
+
 }  // namespace
 
 uint64_t FrameBuffers::device_bytes(const SceneView& host, const CudaQueueSizes& sizes) {
@@ -40,6 +47,9 @@ uint64_t FrameBuffers::device_bytes(const SceneView& host, const CudaQueueSizes&
              (is_small ? 0
                        : candidates.cluster_draws * (sizeof(DrawPlace) + sizeof(OrderedDraw)) +
                              runs_of(candidates.cluster_groups) * sizeof(uint32_t)) +
+             (lists_in_order(host, candidates.cluster_groups, sizes)
+                  ? (candidates.cluster_groups + runs_of(candidates.cluster_groups)) * sizeof(uint32_t)
+                  : 0) +
              max_of(candidates.cluster_draws, small_groups) * sizeof(ClusterDraw) +
              small_groups * sizeof(ClusterGroup) + host.chunk_count * sizeof(ClusterChunk) +
              host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
@@ -76,6 +86,10 @@ Result<void> FrameBuffers::open_clusters(const SceneView& host, const DrawTables
     SCREE_TRY(draw_places.allocate(tables.cluster_draws, kDrawList));
     SCREE_TRY(draw_order.allocate(tables.cluster_draws, kDrawList));
     SCREE_TRY(first_of_run.allocate(runs_of(tables.cluster_groups), kDrawList));
+  }
+  if (lists_in_order(host, tables.cluster_groups, sizes)) {
+    SCREE_TRY(kept.allocate(tables.cluster_groups, kDrawList));
+    SCREE_TRY(kept_of_run.allocate(runs_of(tables.cluster_groups), kDrawList));
   }
   SCREE_TRY(draws.allocate(max_of(tables.cluster_draws, small_scene_groups.count()), kDrawList));
   if (in_two_passes()) SCREE_TRY(hints.allocate(tables.cluster_groups, "allocating a bit for each cluster"));
@@ -117,6 +131,8 @@ ClusterList FrameBuffers::cluster_list(const FrameView& frame) const {
           draw_places.data(),
           draw_order.data(),
           first_of_run.data(),
+          kept.data(),
+          kept_of_run.data(),
           queues.items.data(),
           queues.items.count(),
           queues.to_clip.data(),

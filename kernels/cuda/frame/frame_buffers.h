@@ -49,6 +49,8 @@ struct FrameBuffers {
   DeviceArray<DrawPlace> draw_places;
   DeviceArray<OrderedDraw> draw_order;
   DeviceArray<uint32_t> first_of_run;
+  DeviceArray<uint32_t> kept;  // of scenes whose clusters are listed in order
+  DeviceArray<uint32_t> kept_of_run;
   DeviceArray<ClusterGroup> small_scene_groups;
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};

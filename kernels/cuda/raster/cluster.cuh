@@ -56,6 +56,9 @@ class ClusterWarp {
   }
 
  private:
+  // A masked or blended triangle takes so long to draw that it is worth a test whether it is hidden.
+  static constexpr bool kDropsHidden = !kOrthographic && kAlpha != Alpha::kOpaque;
+
   // A pass is tested if it has more than a quarter of pass 1's clusters. In smaller passes hardly any cluster is
   // hidden.
   static constexpr uint64_t kLateCullShare = 4;
@@ -64,7 +67,8 @@ class ClusterWarp {
   static constexpr uint32_t kRunsLeft = 6;
   // The most clusters of a warp's first run, and the number of flushes at which a later run aims, estimated from the
   // run before. In a close-up view a cluster may take four flushes of 16 us each, so a run of 16 clusters would keep
-  // its warp busy for a millisecond.
+  // its warp busy for a millisecond. A flush with masked triangles counts as many: these triangles should be drawn from
+  // near to far, as nearly as warps that run side by side can do that, because a hidden one is dropped (drop_hidden()).
   static constexpr uint32_t kFirstRun = 4;
   static constexpr uint32_t kRunFlushes = 8;
 
@@ -101,7 +105,7 @@ class ClusterWarp {
       take_next_run();
       return;
     }
-    prepare_run<kOrthographic, kLateCull>(frame_, first, count, parts() == 1 && frame_.small.filters);
+    prepare_run<kOrthographic, kLateCull, kDropsHidden>(frame_, first, count, parts() == 1 && frame_.small.filters);
     __syncwarp();
     StageCopy<> copy;
     stage_cluster(copy, shared.run[0], shared.stages[0]);
@@ -124,12 +128,17 @@ class ClusterWarp {
         __syncwarp();
         const bool is_narrow = (cluster.offsets & PreparedCluster::kWideSteps) == 0;
         survivor_count_ = is_narrow && byte_of(cluster.shape, PreparedCluster::kDistanceBits) == 4
-                              ? filter_triangles<true, true>(cluster, stage, survivor_count_, 0, 1)
-                              : filter_triangles<true, false>(cluster, stage, survivor_count_, 0, 1);
+                              ? filter_triangles<true, true, false>(cluster, stage, survivor_count_, 0, 1)
+                              : filter_triangles<true, false, false>(cluster, stage, survivor_count_, 0, 1);
       } else {
-        filter_vertices<kOrthographic>(frame_, cluster, stage);
+        filter_vertices<kOrthographic, kDropsHidden>(frame_, cluster, stage);
         __syncwarp();
-        survivor_count_ = filter_triangles<false, false>(cluster, stage, survivor_count_, part, parts());
+        const uint32_t first_survivor = survivor_count_;
+        survivor_count_ = filter_triangles<false, false, kDropsHidden>(cluster, stage, first_survivor, part, parts());
+        if constexpr (kDropsHidden) {
+          __syncwarp();
+          survivor_count_ = drop_hidden(frame_.small, first_survivor, survivor_count_);
+        }
       }
       __syncwarp();  // before set_up overwrites centers or screen_places
       // The survivors of a part of a cluster are drawn at once. Otherwise a warp would draw its last triangles by a
@@ -157,7 +166,6 @@ class ClusterWarp {
   /// Draws the last survivors, up to 32, one per lane.
   __device__ void flush_survivors() {
     ClusterShared& shared = cluster_shared();
-    if (lane_ == 0) ++shared.run_flushes;
     const uint32_t count = min_of(survivor_count_, kWarpLanes);
     survivor_count_ -= count;
     Triangle triangle{};
@@ -171,6 +179,9 @@ class ClusterWarp {
       if constexpr (kAlpha != Alpha::kOpaque)
         triangle.is_masked = find_mask(mask, frame_, shared.survivors[survivor_count_ + lane_]);
     }
+    bool any_masked = false;
+    if constexpr (kAlpha != Alpha::kOpaque) any_masked = __ballot_sync(~0u, triangle.is_masked != 0) != 0;
+    if (lane_ == 0) shared.run_flushes += any_masked ? kRunFlushes : 1;
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {
       ++small_;

@@ -23,9 +23,8 @@ struct PackedRange {
 
 /// The filter's result for a vertex, in the form of ClusterShared::centers.
 template <bool kOrthographic>
-__device__ inline uint2 vertex_centers(const CoverageFilter& filter, const PackedRange& all, float x, float y,
-                                       float z) {
-  const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
+__device__ inline uint2 vertex_centers(const CoverageFilter& filter, const PackedRange& all,
+                                       const FilteredVertex& vertex) {
   float slack = filter.slack;
   if (kOrthographic || filter.growth != 0.0f) {
     // The same conditions as in may_cover_sample(). In addition the coordinate, with its error, has to fit 16 bits.
@@ -84,7 +83,7 @@ __device__ inline void project_vertices(const PreparedCluster& cluster, const Cl
 }
 
 /// Computes shared.centers by the chunk's filter.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kDropsHidden>
 __device__ inline void filter_vertices(const ClusterFrame& frame, const PreparedCluster& cluster,
                                        const ClusterStage& stage) {
   ClusterShared& shared = cluster_shared();
@@ -97,6 +96,7 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
   if (!frame.small.filters || (cluster.offsets & PreparedCluster::kTruncated) != 0) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
+      if constexpr (kDropsHidden) shared.nearest_w[vertex] = 0;
     }
     return;
   }
@@ -121,19 +121,53 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
                         static_cast<uint32_t>(window >> bits_xy) & mask[2]};
     if (stride > 64) code[2] = unpack_bits(positions, bit + bits_xy, stride - bits_xy);  // past the window
     prediction.apply(code);
-    shared.centers[vertex] =
-        vertex_centers<kOrthographic>(filter, all, static_cast<float>(format::bounds_min(bounds, 0) + code[0]),
-                                      static_cast<float>(format::bounds_min(bounds, 1) + code[1]),
-                                      static_cast<float>(format::bounds_min(bounds, 2) + code[2]));
+    const FilteredVertex filtered =
+        filter_vertex<kOrthographic>(filter, static_cast<float>(format::bounds_min(bounds, 0) + code[0]),
+                                     static_cast<float>(format::bounds_min(bounds, 1) + code[1]),
+                                     static_cast<float>(format::bounds_min(bounds, 2) + code[2]));
+    shared.centers[vertex] = vertex_centers<kOrthographic>(filter, all, filtered);
+    if constexpr (kDropsHidden) shared.nearest_w[vertex] = filtered.w - w_error<false>(filter);
   }
 }
+
+/// The box of a survivor, as far as drop_hidden() tests it: boxes of up to four samples. In the highest 4 bits of
+/// SurvivorTriangle::corners.
+struct HiddenBox {
+  uint32_t right;  // number of samples to the right of the first one
+  uint32_t down;   // and below it
+
+  static constexpr uint32_t kShift = 28;
+  static constexpr uint32_t kUntested = 15;
+
+  /// `extent`: last pixel centre minus first one, packed; not negative.
+  __device__ static uint32_t pack(uint32_t extent) {
+    const uint32_t right = extent & 0xffffu;
+    const uint32_t down = extent >> 16;
+    const bool tested = (right | down) < 4 && (right == 0 || down == 0 || extent == 0x10001u);
+    return (tested ? right | down << 2 : kUntested) << kShift;
+  }
+  __device__ explicit HiddenBox(uint32_t corners) : right(corners >> kShift & 3), down(corners >> kShift >> 2) {}
+
+  __device__ bool is_tested() const { return (right & down) != 3; }
+  /// The farthest sample of the box, whose first one is `first`. `row`: samples per row.
+  __device__ uint64_t farthest(const uint64_t* first, uint32_t row) const {
+    const bool square = right != 0 && down != 0;
+    const uint32_t last = right + down;
+    const uint32_t step = right != 0 ? 1 : row;
+    const uint64_t a = WarpTeam::load_relaxed(first);
+    const uint64_t b = last > 0 ? WarpTeam::load_relaxed(first + step) : 0;
+    const uint64_t c = last > 1 ? WarpTeam::load_relaxed(first + (square ? row : 2 * step)) : 0;
+    const uint64_t d = last > 2 || square ? WarpTeam::load_relaxed(first + (square ? row + 1 : 3 * step)) : 0;
+    return max_of(max_of(a, b), max_of(c, d));
+  }
+};
 
 /// Appends to the survivors the triangles of a staged cluster that may cover a pixel centre. Returns the number of
 /// survivors. `kAffine`: tests by shared.screen_places, otherwise by shared.centers. Without kAffine it takes only part
 /// `part` of `parts`: every parts-th row of 32 triangles. `kBytes`: the cluster's steps have one bit and its distances
-/// 4 bits, so the two distances of a triangle are one byte. The loop is not unrolled: the code that runs nearly fills a
-/// multiprocessor's instruction cache.
-template <bool kAffine, bool kBytes>
+/// 4 bits, so the two distances of a triangle are one byte. `kDropsHidden`: stores the data that drop_hidden() needs.
+/// The loop is not unrolled: the code that runs nearly fills a multiprocessor's instruction cache.
+template <bool kAffine, bool kBytes, bool kDropsHidden>
 __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, const ClusterStage& stage,
                                             uint32_t survivor_count, uint32_t part, uint32_t parts) {
   ClusterShared& shared = cluster_shared();
@@ -154,6 +188,7 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
   // As with vertices, each lane's distances begin at the same bit of a word.
   const uint32_t bit = lane * 2 * distance_bits;
   distances += bit >> 5;
+  [[maybe_unused]] const uint32_t first_survivor = survivor_count;
   uint32_t largest = 2;  // vertex of the triangles before
 #pragma unroll 1
   for (uint32_t triangle = lane; triangle < rounds * kWarpLanes;
@@ -170,6 +205,8 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
     // Lanes past the last triangle read the words that follow it. With code 0 all their corners are the last vertex.
     uint32_t code = kBytes ? bytes[triangle] : __funnelshift_r(distances[0], distances[1], bit);
     bool survives = triangle <= last_triangle;
+    [[maybe_unused]] uint32_t first_center = 0;
+    [[maybe_unused]] uint32_t shape = 0;
     if (!survives) code = 0;
     const uint32_t b = a - (code & mask);
     const uint32_t c = a - (code >> distance_bits & mask);
@@ -186,16 +223,55 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
       const uint32_t from = __vimin3_s16x2(first.x, second.x, third.x);
       const uint32_t to = __vimax3_s16x2(first.y, second.y, third.y);
       survives = survives & (__vmaxs2(from, to) == to);
+      if constexpr (kDropsHidden) {
+        first_center = from;
+        shape = HiddenBox::pack(__vsub2(to, from));
+      }
     }
     const uint32_t lanes = __ballot_sync(~0u, survives);
     if (lanes == 0) continue;
     if (survives) {
-      shared.survivors[survivor_count + static_cast<uint32_t>(__popc(lanes & before_lane))] = {
-          item, triangle | a << 7 | b << 14 | c << 21};
+      const uint32_t at = survivor_count + static_cast<uint32_t>(__popc(lanes & before_lane));
+      shared.survivors[at] = {item, triangle | a << 7 | b << 14 | c << 21 | shape};
+      if constexpr (kDropsHidden) {
+        shared.first_center[at - first_survivor] = first_center;
+        shared.triangle_w[at - first_survivor] =
+            fast_min(fast_min(shared.nearest_w[a], shared.nearest_w[b]), shared.nearest_w[c]);
+      }
     }
     survivor_count += static_cast<uint32_t>(__popc(lanes));
   }
   return survivor_count;
+}
+
+/// Drops the survivors [first, end), all of one cluster, that are behind the picture as it is now. Returns the new end.
+/// Boxes and depths are bounds, so this does not change the picture.
+__device__ inline uint32_t drop_hidden(const SmallFrame& frame, uint32_t first, uint32_t end) {
+  ClusterShared& shared = cluster_shared();
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  uint32_t kept = first;
+#pragma unroll 1
+  for (uint32_t i = first + lane; i - lane < end; i += kWarpLanes) {
+    bool shows = i < end;
+    SurvivorTriangle survivor{};
+    if (shows) {
+      survivor = shared.survivors[i];
+      const HiddenBox box(survivor.corners);
+      const float w = shared.triangle_w[i - first];
+      if (box.is_tested() && w > 1.0f) {
+        const uint32_t place = shared.first_center[i - first];
+        const int32_t x = frame.view.width / 2 + static_cast<int16_t>(place);
+        const int32_t y = frame.view.height / 2 + (static_cast<int32_t>(place) >> 16);
+        const uint64_t farthest = box.farthest(frame.target.row(y) + x, static_cast<uint32_t>(frame.target.width));
+        shows = nearest_code<false>(filter_reciprocal(w)) <= sample_depth_code(farthest);
+      }
+    }
+    const uint32_t lanes = __ballot_sync(~0u, shows);
+    if (shows) shared.survivors[kept + rank_among(lanes)] = survivor;
+    kept += static_cast<uint32_t>(__popc(lanes));
+    __syncwarp();
+  }
+  return kept;
 }
 
 }  // namespace scree::kernels

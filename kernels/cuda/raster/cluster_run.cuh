@@ -91,7 +91,13 @@ struct ClusterShared {
     // For each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack:
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
     // pixel_box().
-    uint2 centers[format::kMaxClusterVertices];
+    struct {
+      uint2 centers[format::kMaxClusterVertices];
+      // In kernels that drop hidden triangles (drop_hidden()):
+      float nearest_w[format::kMaxClusterVertices];         // of each vertex, a lower bound
+      uint32_t first_center[format::kMaxClusterTriangles];  // of each survivor's box, two 16-bit numbers
+      float triangle_w[format::kMaxClusterTriangles];       // of each survivor: the least nearest_w of its corners
+    };
     uint32_t screen_places[format::kMaxClusterVertices];  // instead of centers, if the cluster has an AffineProjection
     SetUpTriangles set_up;
   };
@@ -169,7 +175,7 @@ __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t f
 /// Prepares the `count` clusters of a run: items from `first` on, or with `kListed` the items that `run` already lists.
 /// Lane i < kRunClusters prepares cluster i and the u axis of its affine projection; lane kRunClusters + i prepares its
 /// v axis. `projects`: whether clusters get an AffineProjection.
-template <bool kOrthographic, bool kListed>
+template <bool kOrthographic, bool kListed, bool kDropsHidden>
 __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool projects) {
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -203,6 +209,8 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
       const float other_half = __shfl_xor_sync(~0u, axis.half, kRunClusters);
       fraction_bits = affine_fraction_bits(fast_max(axis.half, other_half));
       bool known = middle.known & (bits_xyz <= 64) & (pieces <= kStagePieces) & (fraction_bits != 0);
+      // drop_hidden() needs the filter's boxes, which are tighter.
+      if constexpr (kDropsHidden) known = known & ((draw.flags & ClusterDraw::kMasked) == 0);
       known =
           known & finish_affine_axis(middle, axis, draw.filter.w, row, codes, fraction_bits & 15, factors, twice_slack);
       const uint32_t other_twice_slack = __shfl_xor_sync(~0u, known ? twice_slack : 0u, kRunClusters);
