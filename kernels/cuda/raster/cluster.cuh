@@ -67,8 +67,8 @@ class ClusterWarp {
   static constexpr uint32_t kRunsLeft = 6;
   // The most clusters of a warp's first run, and the number of flushes at which a later run aims, estimated from the
   // run before. In a close-up view a cluster may take four flushes of 16 us each, so a run of 16 clusters would keep
-  // its warp busy for a millisecond. A flush with masked triangles counts as many: these triangles should be drawn from
-  // near to far, as nearly as warps that run side by side can do that, because a hidden one is dropped (drop_hidden()).
+  // its warp busy for a millisecond. After a masked cluster a run has one cluster: their triangles should be drawn from
+  // near to far, as nearly as warps that run side by side can do that, because hidden ones are dropped (drop_hidden()).
   static constexpr uint32_t kFirstRun = 4;
   static constexpr uint32_t kRunFlushes = 8;
 
@@ -89,7 +89,9 @@ class ClusterWarp {
   __device__ void take_next_run() {
     const ClusterShared& shared = cluster_shared();
     const uint32_t flushes = max_of(shared.run_flushes, 1u);
-    take_run(shared.run_start, min_of(max_of(kRunFlushes * shared.run_share / flushes, 1u), kRunClusters));
+    const bool was_masked = kDropsHidden && shared.run_is_masked != 0;
+    take_run(shared.run_start,
+             was_masked ? 1 : min_of(max_of(kRunFlushes * shared.run_share / flushes, 1u), kRunClusters));
   }
 
   /// Draws `share` clusters, beginning with number `start` of the pass, and takes the next run. `first_of_pass`: the
@@ -166,6 +168,7 @@ class ClusterWarp {
   /// Draws the last survivors, up to 32, one per lane.
   __device__ void flush_survivors() {
     ClusterShared& shared = cluster_shared();
+    if (lane_ == 0) ++shared.run_flushes;
     const uint32_t count = min_of(survivor_count_, kWarpLanes);
     survivor_count_ -= count;
     Triangle triangle{};
@@ -179,9 +182,6 @@ class ClusterWarp {
       if constexpr (kAlpha != Alpha::kOpaque)
         triangle.is_masked = find_mask(mask, frame_, shared.survivors[survivor_count_ + lane_]);
     }
-    bool any_masked = false;
-    if constexpr (kAlpha != Alpha::kOpaque) any_masked = __ballot_sync(~0u, triangle.is_masked != 0) != 0;
-    if (lane_ == 0) shared.run_flushes += any_masked ? kRunFlushes : 1;
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {
       ++small_;
