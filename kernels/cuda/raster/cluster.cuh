@@ -34,7 +34,10 @@ class ClusterWarp {
     auto mask = lane_mask<kAlpha>(ClusterPlanes{&frame_}, cluster_masks);
     if constexpr (kAlpha != Alpha::kOpaque) cluster_masks().begin();
     ClusterShared& shared = cluster_shared();
-    if (lane_ == 0) shared.end = total * parts();
+    if (lane_ == 0) {
+      shared.end = total * parts();
+      shared.run_is_masked = 0;
+    }
     if (kLateCull && lane_ == 0) {
       shared.culls_late = counters.clusters[frame_.pass] > counters.clusters[0] / kLateCullShare ? 1 : 0;
       shared.culled_late = 0;

@@ -75,14 +75,13 @@ struct ClusterShared {
   ClusterStage stages[2];  // alternating: one cluster's data arrive while the other cluster is filtered
   PreparedCluster run[kRunClusters];
   SurvivorTriangle survivors[kWarpLanes - 1 + format::kMaxClusterTriangles];
-  uint64_t end;          // the number of clusters of the pass, or of shared parts of clusters
-  uint32_t run_start;    // number in the pass of the first cluster of the run that is drawn, or part of a cluster
-  uint32_t run_share;    // the number of clusters of the run that was taken last
-  uint32_t run_flushes;  // calls of ClusterWarp::flush_survivors() since then
-  uint32_t
-      run_is_masked;    // whether the run that is drawn has masked clusters; only in kernels that drop hidden triangles
-  uint32_t culls_late;  // whether ClusterWarp::cull_late() tests them once more
-  uint32_t culled_late;  // the number of clusters that this removed
+  uint64_t end;            // the number of clusters of the pass, or of shared parts of clusters
+  uint32_t run_start;      // number in the pass of the first cluster of the run that is drawn, or part of a cluster
+  uint32_t run_share;      // the number of clusters of the run that was taken last
+  uint32_t run_flushes;    // calls of ClusterWarp::flush_survivors() since then
+  uint32_t run_is_masked;  // whether the last prepared run has masked clusters (in kernels that drop hidden triangles)
+  uint32_t culls_late;     // whether ClusterWarp::cull_late() tests them once more
+  uint32_t culled_late;    // the number of clusters that this removed
   // These three share memory, since no two are needed at once. For each cluster of a run:
   //   centers or screen_places  written by filter_vertices() or project_vertices(), read by filter_triangles();
   //   set_up             written and read by draw_set_up(), for the triangles that wait.
@@ -187,10 +186,6 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
   const ClusterItem item = frame.list.items[number];
   const ClusterDraw& draw = frame.list.draws[item.draw];
   [[maybe_unused]] const bool is_masked = (draw.flags & ClusterDraw::kMasked) != 0;
-  if constexpr (kDropsHidden) {
-    const uint32_t masked = __ballot_sync(~0u, is_masked);
-    if (lane == 0) shared.run_is_masked = masked != 0 ? 1 : 0;
-  }
   const uint4 record = __ldg(reinterpret_cast<const uint4*>(draw.clusters() + item.cluster));
   const format::ClusterLayout at = format::cluster_layout({record.x, record.y, record.z, record.w});
   const uint32_t* const data = draw.data() + at.prediction;
@@ -223,6 +218,10 @@ __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, ui
       const uint32_t other_twice_slack = __shfl_xor_sync(~0u, known ? twice_slack : 0u, kRunClusters);
       twice_slack = known && other_twice_slack != 0 ? twice_slack | other_twice_slack << 16 : 0;
     }
+  }
+  if constexpr (kDropsHidden) {
+    const uint32_t masked = __ballot_sync(~0u, is_masked);
+    if (lane == 0) shared.run_is_masked = masked != 0 ? 1 : 0;
   }
   if (lane % kRunClusters >= count) return;
   PreparedCluster& out = shared.run[slot];
