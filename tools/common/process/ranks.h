@@ -58,12 +58,18 @@ class Ranks {
  private:
   Ranks() = default;
 
+  /// words_of_host() of a single rank.
+  std::span<std::atomic<uint64_t>> own_words(size_t count) {
+    own_words_ = std::vector<std::atomic<uint64_t>>(count);
+    return own_words_;
+  }
+
   uint32_t rank_ = 0;
   uint32_t count_ = 1;
   uint32_t rank_on_host_ = 0;
   uint32_t count_on_host_ = 1;
   uint32_t first_on_host_ = 0;
-  std::vector<std::atomic<uint64_t>> own_words_;  // words_of_host() of a single rank
+  std::vector<std::atomic<uint64_t>> own_words_;
 };
 
 /// Ends all ranks with this code, if there are several, so that they do not wait for a rank that failed. Called by main

@@ -86,10 +86,7 @@ void Ranks::leave() {
 }
 
 Result<std::span<std::atomic<uint64_t>>> Ranks::words_of_host(size_t count) {
-  if (count_ == 1) {
-    own_words_ = std::vector<std::atomic<uint64_t>>(count);
-    return std::span(own_words_);
-  }
+  if (count_ == 1) return own_words(count);
   constexpr int kWordBytes = sizeof(std::atomic<uint64_t>);
   const auto bytes = static_cast<MPI_Aint>(rank_on_host_ == 0 ? count * kWordBytes : 0);
   void* memory = nullptr;

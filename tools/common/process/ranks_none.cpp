@@ -22,8 +22,7 @@ Result<void> Ranks::agree(Result<void> own) {
 }
 void Ranks::leave() {}
 Result<std::span<std::atomic<uint64_t>>> Ranks::words_of_host(size_t count) {
-  own_words_ = std::vector<std::atomic<uint64_t>>(count);
-  return std::span(own_words_);
+  return own_words(count);
 }
 Result<std::vector<std::byte>> Ranks::share(std::span<const std::byte> own) {
   return std::vector<std::byte>(own.begin(), own.end());
