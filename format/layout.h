@@ -11,8 +11,8 @@ inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'}
 inline constexpr uint16_t kVersionMajor = 1;
 inline constexpr uint16_t kVersionMinor =
     1;  // a reader skips the additions of newer ones; TableKind marks the additions of 1
-// A file has this major version if a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
-// reader of version 1 refuses it.
+// A file has this major version if a mesh or a surface uses second texture coordinates, a mesh has tangents, or a page
+// is split. A reader of version 1 refuses it.
 inline constexpr uint16_t kSecondMajor = 2;
 inline constexpr uint16_t kSecondMinor = 0;
 
@@ -88,7 +88,8 @@ enum class PageKind : uint32_t { kGeometry = 1, kImage = 2, kMask = 3 };
 enum class PageCodec : uint32_t {
   kRaw = 0,
   kZstd = 1,
-  kSplit = 2,  // zstd of clusters split into streams (spec/codecs.md, split pages)
+  // 2 was an earlier way to split clusters, of scree 0.1.
+  kSplit = 3,  // of major version 2; zstd of clusters split into streams (spec/codecs.md, split pages)
 };
 
 /// A range of the file that is read, checked, compressed and kept resident as a whole. Geometry pages hold chunks and

@@ -20,9 +20,7 @@ struct JoinTask {
   uint32_t bytes = 0;                                    // to copy; 0: joins clusters
   uint32_t cluster_count = 0;                            // of the part
   uint32_t first[format::split_streams::kStreams] = {};  // as SplitPart::first
-  uint32_t planes = 0;                                   // bytes per residual of the page
-  uint32_t residual_count = 0;                           // of the page
-  uint32_t residuals = 0;                                // offset of the stream in the page
+  format::split_streams::StreamPlanes planes;            // of the page
   uint32_t cluster_words = 0;                            // that the clusters' data must take
   uint32_t largest[3] = {};                              // largest offset of a vertex, from the chunk's position_min
   uint32_t history = 0;                                  // place of the part's kept vertices in the slot's history

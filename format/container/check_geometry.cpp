@@ -50,7 +50,7 @@ Result<void> Checker::pages() const {
       if (page.raw_bytes != page.stored_bytes) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " raw bytes, but ", page.stored_bytes, " are stored raw");
       }
-    } else if (page.codec == PageCodec::kZstd || page.codec == PageCodec::kSplit) {
+    } else if (page.codec == PageCodec::kZstd || (page.codec == PageCodec::kSplit && tables_.is_second)) {
       if (page.codec == PageCodec::kSplit && page.kind != PageKind::kGeometry)
         return fail(kRange, "page ", i, ": split, but of kind ", page.kind);
       if (page.stored_bytes >= page.raw_bytes) {
@@ -63,7 +63,10 @@ Result<void> Checker::pages() const {
                     ", which is more than is allowed");
       }
     } else {
-      return fail(kRange, "page ", i, ": codec ", page.codec);
+      return fail(kRange, "page ", i, ": codec ", page.codec,
+                  page.codec == PageCodec{2}        ? ", which only scree 0.1 reads; convert the scene again"
+                  : page.codec == PageCodec::kSplit ? ", but the file has major version 1"
+                                                    : "");
     }
     end = page.offset + page.stored_bytes;
   }

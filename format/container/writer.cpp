@@ -414,7 +414,9 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables, const Check& ch
       std::any_of(tables.meshes.begin(), tables.meshes.end(),
                   [](const MeshRecord& mesh) { return (mesh.attributes & kSecondAttributes) != 0; }) ||
       std::any_of(tables.surfaces.begin(), tables.surfaces.end(),
-                  [](const SurfaceRecord& surface) { return surface.second_uv != 0; });
+                  [](const SurfaceRecord& surface) { return surface.second_uv != 0; }) ||
+      std::any_of(impl_->pages.begin(), impl_->pages.end(),
+                  [](const PageRecord& page) { return page.codec == PageCodec::kSplit; });
   const bool is_older = tables.surfaces.empty() && tables.lights.empty() && tables.masks.empty();
   header.version_major = is_second ? kSecondMajor : kVersionMajor;
   // Version 1.1 added surfaces, lights and masks.

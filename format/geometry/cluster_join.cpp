@@ -38,13 +38,17 @@ uint32_t unzigzag(uint32_t code) {
   return code >> 1 ^ (0u - (code & 1));
 }
 
-/// The header of a cluster in a split page.
-struct Form {
+/// A cluster from a split page, before its vertices are placed.
+struct ReadCluster {
   uint32_t triangle_count;
   uint32_t vertex_count;
   uint32_t distance_bits;
   bool wide_steps;
   uint32_t axis;  // predicted, or kNotPredicted
+  ClusterTriangles triangles;
+  std::array<std::byte, kMaxClusterVertices / 8> fresh;  // a bit per vertex: it has a residual
+  uint32_t fresh_count;
+  const std::byte* references;  // of the other vertices
 };
 
 /// Reads values from a stream.
@@ -90,7 +94,10 @@ class Joiner {
                    "it makes " + std::to_string(done_) + " bytes, expected " + std::to_string(page_.size())};
     }
     for (uint32_t i = 0; i < kStreams; ++i) {
-      const uint64_t left = i == kResiduals ? (residual_count_ - residual_) : in_[i].left();
+      const uint64_t left = i == kLow    ? residual_count_ - residual_
+                            : i == kTall ? tall_count_ - next_tall_
+                            : i == kFar  ? far_count_ - next_far_
+                                         : in_[i].left();
       if (left != 0) return Error{kTrailing, std::string("bytes of ") + kNames[i] + " are left over"};
     }
     return {};
@@ -99,10 +106,15 @@ class Joiner {
  private:
   Result<void> open(std::span<const std::byte> split) {
     const SplitStreams streams = SCREE_TRY(open_streams(split));
-    planes_ = streams.planes;
-    residual_count_ = streams.residual_count();
-    residuals_ = streams.bytes[kResiduals].data();
     for (uint32_t i = 0; i < kStreams; ++i) in_[i] = Cursor(streams.bytes[i]);
+    residual_count_ = streams.residual_count();
+    low_ = streams.bytes[kLow].data();
+    has_high_ = !streams.bytes[kHigh].empty();
+    tall_ = streams.bytes[kTall].data();
+    tall_count_ = streams.tall_count();
+    tall_bytes_ = streams.tall_bytes;
+    far_ = streams.bytes[kFar].data();
+    far_count_ = streams.far_count();
     return {};
   }
 
@@ -142,8 +154,8 @@ class Joiner {
         store(group_bounds + i / kGroupClusters * sizeof(ClusterBounds), bounds_of(group, origin));
       next.place += words;
       if (next.place >= kMaxClusterWords) return Error{kRange, "more than 2^29 words of a chunk"};
-      next.first_triangle += form_.triangle_count;
-      next.first_vertex += form_.vertex_count;
+      next.first_triangle += cluster_.triangle_count;
+      next.first_vertex += cluster_.vertex_count;
     }
     const uint64_t stream = packed_bytes(next.place, 32);
     done_ = data;
@@ -154,36 +166,65 @@ class Joiner {
     return {};
   }
 
-  Result<void> take_form() {
-    const std::byte* triangles = in_[kTriangles].take(1);
-    const std::byte* vertices = in_[kVertices].take(1);
-    const std::byte* form = in_[kForms].take(1);
+  /// Takes what describes the cluster's form and its triangles.
+  Result<void> take_triangles() {
+    const std::byte* const triangles = in_[kTriangles].take(1);
+    const std::byte* const vertices = in_[kVertices].take(1);
+    const std::byte* const form = in_[kForms].take(1);
     if (triangles == nullptr) return ends(kTriangles);
     if (vertices == nullptr) return ends(kVertices);
     if (form == nullptr) return ends(kForms);
     const auto bits = std::to_integer<uint32_t>(*form);
-    form_.triangle_count = std::to_integer<uint32_t>(*triangles) + 1;
-    form_.vertex_count = std::to_integer<uint32_t>(*vertices) + 1;
-    form_.distance_bits = bits & 7;
-    form_.wide_steps = (bits >> 3 & 1) != 0;
-    form_.axis = bits >> 4 & 3;
+    cluster_.triangle_count = std::to_integer<uint32_t>(*triangles) + 1;
+    cluster_.vertex_count = std::to_integer<uint32_t>(*vertices) + 1;
+    cluster_.distance_bits = bits & 7;
+    cluster_.wide_steps = (bits >> 3 & 1) != 0;
+    cluster_.axis = bits >> 4 & 3;
     if (bits >> 6 != 0) return Error{kReserved, "a reserved bit of a form is set"};
-    if (form_.triangle_count > kMaxClusterTriangles || form_.vertex_count > kMaxClusterVertices)
+    if (cluster_.triangle_count > kMaxClusterTriangles || cluster_.vertex_count > kMaxClusterVertices)
       return Error{kRange, "more than 128 triangles or vertices of a cluster"};
+    const uint32_t count = cluster_.triangle_count;
+    const std::byte* const gates = in_[kGates].take(count);
+    if (gates == nullptr) return ends(kGates);
+    uint8_t largest_gate = 0;
+    for (uint32_t i = 0; i < count; ++i) largest_gate = std::max(largest_gate, std::to_integer<uint8_t>(gates[i]));
+    if (largest_gate >= kExplicitGate + 4) return Error{kReserved, "a reserved bit of a gate is set"};
+    const std::byte* const distances = in_[kDistances].take(distances_of({gates, count}));
+    if (distances == nullptr) return ends(kDistances);
+    if (!read_triangles({{gates, count}, distances, cluster_.distance_bits, cluster_.wide_steps}, cluster_.vertex_count,
+                        cluster_.triangles))
+      return Error{kRange, "a triangle with vertices that its cluster lacks"};
+    memory_.predictor.begin(cluster_.triangles, cluster_.vertex_count);
     return {};
+  }
+
+  /// Takes what says which vertices have residuals, and to which vertices the others refer.
+  Result<void> take_references() {
+    const uint32_t bytes = bytes_of_bits(cluster_.vertex_count);
+    const std::byte* const fresh = in_[kFresh].take(bytes);
+    if (fresh == nullptr) return ends(kFresh);
+    std::memcpy(cluster_.fresh.data(), fresh, bytes);
+    if (std::to_integer<uint32_t>(fresh[bytes - 1]) >> ((cluster_.vertex_count - 1) % 8 + 1) != 0)
+      return Error{kReserved, "a fresh bit after the last vertex is set"};
+    cluster_.fresh_count = 0;
+    for (uint32_t i = 0; i < bytes; ++i)
+      cluster_.fresh_count += static_cast<uint32_t>(std::popcount(std::to_integer<uint32_t>(fresh[i])));
+    cluster_.references = in_[kReferences].take(cluster_.vertex_count - cluster_.fresh_count);
+    return cluster_.references != nullptr ? Result<void>() : ends(kReferences);
   }
 
   /// Writes the cluster's words to the page. Sets all fields of `record` except the sums over earlier clusters. Returns
   /// the number of words.
   Result<uint32_t> join_cluster(ClusterRecord& record, OffsetBox& box) {
-    SCREE_TRY(take_form());
     SCREE_TRY(take_triangles());
-    if (!place_vertices(box)) return Error{kRange, "a missing vertex, or too few residuals"};
+    SCREE_TRY(take_references());
+    SCREE_TRY(take_residuals());
+    if (!place_vertices(box)) return Error{kRange, "a missing vertex"};
     std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
-    uint32_t* const steps = words.data() + (form_.axis != kNotPredicted ? 2 : 0);
+    uint32_t* const steps = words.data() + (cluster_.axis != kNotPredicted ? 2 : 0);
     uint32_t* const end = SCREE_TRY(put_positions(box, words.data(), put_distances(put_steps(steps)), record));
-    record.place |= form_.axis << 29 | (form_.wide_steps ? 1u << 31 : 0);
-    record.counts |= (form_.triangle_count - 1) | (form_.vertex_count - 1) << 7 | form_.distance_bits << 14;
+    record.place |= cluster_.axis << 29 | (cluster_.wide_steps ? 1u << 31 : 0);
+    record.counts |= (cluster_.triangle_count - 1) | (cluster_.vertex_count - 1) << 7 | cluster_.distance_bits << 14;
     const auto written = static_cast<uint32_t>(end - words.data());
     SCREE_TRY(make_room(4 * uint64_t{written}));
     std::memcpy(page_.data() + done_, words.data(), 4 * uint64_t{written});
@@ -191,48 +232,36 @@ class Joiner {
     return written;
   }
 
-  /// Reads the triangles, and the places of the vertices.
-  Result<void> take_triangles() {
-    const uint32_t count = form_.triangle_count;
-    steps_ = in_[kSteps].take((form_.wide_steps ? 2 : 1) * step_bytes());
-    if (steps_ == nullptr) return ends(kSteps);
-    pairs_ = in_[kDistances].take(form_.distance_bits <= kShortDistance ? count : 2 * count);
-    if (pairs_ == nullptr) return ends(kDistances);
-    places_ = in_[kPlaces].take(form_.vertex_count);
-    if (places_ == nullptr) return ends(kPlaces);
-    if (!read_triangles({steps_, pairs_, count, form_.distance_bits, form_.wide_steps}, form_.vertex_count, triangles_))
-      return Error{kRange, "a triangle with vertices that its cluster lacks"};
-    return {};
-  }
-
-  uint32_t step_bytes() const { return bytes_of_steps(form_.triangle_count); }
-
-  /// Computes the vertices' offsets. Returns false if a reference or a residual is missing or out of range.
+  /// Computes the vertices' offsets. Returns false if a reference is missing or out of range.
   bool place_vertices(OffsetBox& box) {
-    const uint32_t count = form_.vertex_count;
+    const uint32_t count = cluster_.vertex_count;
     const Places places = read_places();
-    if (!take_residuals(places.new_count)) return false;
-    const std::byte* const far = in_[kFar].take(2 * places.far_count);
-    if (far == nullptr) return false;
+    if (places.far_count > far_count_ - next_far_) return false;
     std::array<uint16_t, kMaxClusterVertices + 1> far_backs;
-    std::memcpy(far_backs.data(), far, 2 * places.far_count);
+    for (uint32_t i = 0; i < places.far_count; ++i) {
+      const std::byte* const at = far_ + next_far_ + i;
+      far_backs[i] =
+          static_cast<uint16_t>(std::to_integer<uint32_t>(at[0]) | std::to_integer<uint32_t>(at[far_count_]) << 8);
+    }
     far_backs[places.far_count] = 0;  // read, but not used
+    next_far_ += places.far_count;
 
     RecentVertices& recent = memory_.recent;
-    VertexPredictor& predictor = memory_.predictor;
-    predictor.begin(triangles_, count);
+    const VertexPredictor& predictor = memory_.predictor;
     at_ = recent.make_room();
     const Offsets* const values = recent.values();
     const uint32_t first_index = recent.first_index();
     const uint32_t first_number = recent.count();
     uint32_t named = named_;
     uint32_t residual = 0;
+    uint32_t reference = 0;
     uint32_t next_far = 0;
     std::array<uint32_t, kMaxClusterVertices> backs;  // distance back to the vertex that is referred to, in vertices
     const auto place = [&](uint32_t v, const Offsets& expected) {
       const auto is_new = static_cast<uint32_t>(places.is_new[v]);
-      const auto is_far = static_cast<uint32_t>(places.is_far[v]);
-      named += static_cast<uint32_t>(places.step[v]);
+      const auto is_far = static_cast<uint32_t>(places.is_far[reference]) & ~is_new;
+      named += static_cast<uint32_t>(places.step[reference]) & ~is_new;
+      reference += 1 + is_new;
       named ^= (named ^ (first_number + v - far_backs[next_far])) & is_far;
       next_far -= is_far;
       backs[v] = first_number + v - named;
@@ -272,84 +301,118 @@ class Joiner {
     return lost == 0;
   }
 
-  /// A cluster's places, one by one. Conditions are 0 or -1.
+  /// Where a cluster's vertices come from. Conditions are 0 or -1.
   struct Places {
-    std::array<int8_t, kMaxClusterVertices> is_new;  // it has a residual
-    std::array<int8_t, kMaxClusterVertices> is_far;  // it has an entry in kFar
-    std::array<int8_t, kMaxClusterVertices> step;    // from the vertex referred to before, if it is neither
-    uint8_t new_count = 0;
+    std::array<int8_t, kMaxClusterVertices> is_new;  // by vertex: it has a residual
+    // By reference; one more than there are is read, but not used.
+    std::array<int8_t, kMaxClusterVertices + 1> is_far;  // it has an entry in kFar
+    std::array<int8_t, kMaxClusterVertices + 1> step;    // from the reference before, if it is not far
     uint8_t far_count = 0;
   };
   Places read_places() const {
     Places out;
-    const std::byte* const places = places_;
-    const uint32_t count = form_.vertex_count;
-    uint8_t new_count = 0;
-    uint8_t far_count = 0;
-    for (uint32_t v = 0; v < count; ++v) {
-      const auto place = std::to_integer<uint8_t>(places[v]);
-      const auto code = static_cast<uint8_t>(place - 1);
-      const auto step = static_cast<int8_t>(code >> 1 ^ -(code & 1));
-      out.is_new[v] = place == 0 ? -1 : 0;
-      out.is_far[v] = place == kFarPlace ? -1 : 0;
-      out.step[v] = place == 0 ? int8_t{0} : step;
-      new_count -= static_cast<uint8_t>(out.is_new[v]);
-      far_count -= static_cast<uint8_t>(out.is_far[v]);
+    for (uint32_t i = 0; i < cluster_.fresh.size(); ++i) {  // each bit becomes a byte
+      const uint64_t bits = std::to_integer<uint64_t>(cluster_.fresh[i]) * 0x0101010101010101 & 0x8040201008040201;
+      const uint64_t ones = (((bits & 0x7f7f7f7f7f7f7f7f) + 0x7f7f7f7f7f7f7f7f) | bits) >> 7 & 0x0101010101010101;
+      const uint64_t all = ones * 255;
+      std::memcpy(&out.is_new[8 * i], &all, sizeof all);
     }
-    out.new_count = new_count;
+    const uint32_t count = cluster_.vertex_count - cluster_.fresh_count;
+    uint8_t far_count = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto code = std::to_integer<uint8_t>(cluster_.references[i]);
+      out.is_far[i] = code == kFarReference ? -1 : 0;
+      out.step[i] = static_cast<int8_t>(code >> 1 ^ -(code & 1));
+      far_count = static_cast<uint8_t>(far_count + (code == kFarReference));
+    }
+    out.is_far[count] = 0;
+    out.step[count] = 0;
     out.far_count = far_count;
     return out;
   }
 
-  /// Reads the residuals of a cluster. Returns false if too few are left.
-  bool take_residuals(uint32_t count) {
-    if (count > residual_count_ - residual_) return false;
-    if (planes_ == 1) unpack_residuals<1>(count);
-    if (planes_ == 2) unpack_residuals<2>(count);
-    if (planes_ == 3) unpack_residuals<3>(count);
+  /// Reads the residuals of a cluster before the recent vertices. The fourth number is -1 for a residual and 0 for a
+  /// vertex.
+  Result<void> take_residuals() {
+    const uint32_t count = cluster_.fresh_count;
+    if (count > residual_count_ - residual_) return ends(kLow);
+    uint32_t codes[3][kMaxClusterVertices];
+    for (uint32_t axis = 0; axis < 3; ++axis) {
+      const std::byte* const low = low_ + axis * residual_count_ + residual_;
+      for (uint32_t i = 0; i < count; ++i) codes[axis][i] = std::to_integer<uint32_t>(low[i]);
+    }
+    if (has_high_) SCREE_TRY(add_high(in_[kHigh].take(count), codes));
     residual_ += count;
-    return true;
+    Offsets* const out = memory_.recent.values();
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto value = [&](uint32_t axis) { return static_cast<int32_t>(unzigzag(codes[axis][i])); };
+      out[i] = Offsets{value(0), value(1), value(2), -1};
+    }
+    return {};
   }
 
-  /// Writes residuals before the recent vertices. The fourth number is -1 for a residual and 0 for a vertex.
-  template <uint32_t kPlanes>
-  void unpack_residuals(uint32_t count) {
-    int32_t values[3][kMaxClusterVertices];
-    for (uint32_t axis = 0; axis < 3; ++axis) {
-      const std::byte* const plane = residuals_ + axis * residual_count_ + residual_;
-      for (uint32_t i = 0; i < count; ++i) {
-        uint32_t code = std::to_integer<uint32_t>(plane[i]);
-        if constexpr (kPlanes > 1) code |= std::to_integer<uint32_t>(plane[3 * residual_count_ + i]) << 8;
-        if constexpr (kPlanes > 2) code |= std::to_integer<uint32_t>(plane[6 * residual_count_ + i]) << 16;
-        values[axis][i] = static_cast<int32_t>(unzigzag(code));
+  /// Adds the high bits of a cluster's residuals; open_streams() ensured that they are there.
+  Result<void> add_high(const std::byte* high, uint32_t codes[3][kMaxClusterVertices]) {
+    const uint32_t count = cluster_.fresh_count;
+    for (uint32_t axis = 0; axis < 3; ++axis)
+      for (uint32_t i = 0; i < count; ++i) codes[axis][i] |= (std::to_integer<uint32_t>(high[i]) >> 2 * axis & 3) << 8;
+    uint8_t all = 0;
+    std::array<uint8_t, kMaxClusterVertices + 1> with_tall;  // residuals with a tall code
+    uint32_t with_tall_count = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto bits = std::to_integer<uint8_t>(high[i]);
+      all |= bits;
+      with_tall[with_tall_count] = static_cast<uint8_t>(i);
+      with_tall_count += (bits & bits >> 1 & 0x15) != 0 ? 1 : 0;
+    }
+    if (all >> 6 != 0) return Error{kReserved, "a reserved bit of a residual is set"};
+    for (uint32_t i = 0; i < with_tall_count; ++i) {
+      const uint32_t residual = with_tall[i];
+      for (uint32_t axis = 0; axis < 3; ++axis) {
+        if ((std::to_integer<uint32_t>(high[residual]) >> 2 * axis & 3) != kTallCode) continue;
+        if (next_tall_ == tall_count_) return ends(kTall);
+        uint32_t rest = std::to_integer<uint32_t>(tall_[next_tall_]);
+        if (tall_bytes_ > 1) rest |= std::to_integer<uint32_t>(tall_[tall_count_ + next_tall_]) << 8;
+        codes[axis][residual] = (codes[axis][residual] & 0xff) | rest << 8;
+        ++next_tall_;
       }
     }
-    Offsets* const out = memory_.recent.values();
-    for (uint32_t i = 0; i < count; ++i) out[i] = Offsets{values[0][i], values[1][i], values[2][i], -1};
+    return {};
   }
 
   /// Writes the steps; returns their end.
-  uint32_t* put_steps(uint32_t* words) const {
-    const uint32_t step_words = (form_.triangle_count + 31) / 32;
-    for (uint32_t half = 0; half < (form_.wide_steps ? 2u : 1u); ++half, words += step_words) {
-      words[step_words - 1] = 0;
-      std::memcpy(words, steps_ + half * step_bytes(), step_bytes());
+  uint32_t* put_steps(uint32_t* words) {
+    const uint32_t count = cluster_.triangle_count;
+    std::array<uint8_t, kMaxClusterTriangles>& all_steps = cluster_.triangles.steps;
+    std::fill_n(all_steps.begin() + count, -count % 32, uint8_t{0});
+    for (uint32_t bit = 0; bit < (cluster_.wide_steps ? 2u : 1u); ++bit) {
+      for (uint32_t i = 0; i < count; i += 32, ++words) {
+        *words = 0;
+        for (uint32_t byte = 0; byte < 4; ++byte) {  // moves bit `bit` of eight steps together
+          uint64_t steps;
+          std::memcpy(&steps, &all_steps[i + 8 * byte], sizeof steps);
+          steps = steps >> bit & 0x0101010101010101;
+          *words |= static_cast<uint32_t>(steps * 0x0102040810204080 >> 56) << 8 * byte;
+        }
+      }
     }
     return words;
   }
 
   /// Writes the distances; returns their end.
   uint32_t* put_distances(uint32_t* words) const {
-    const uint32_t bits = form_.distance_bits;
-    const uint32_t count = form_.triangle_count;
-    if (bits == kShortDistance) {  // most often; pairs are packed as they are
+    const uint32_t bits = cluster_.distance_bits;
+    const uint32_t count = cluster_.triangle_count;
+    const uint16_t* const back = cluster_.triangles.back.data();
+    if (bits == 4) {  // most often
       words[(count - 1) / 4] = 0;
-      std::memcpy(words, pairs_, count);
+      std::array<uint8_t, kMaxClusterTriangles> both;
+      for (uint32_t i = 0; i < count; ++i) both[i] = static_cast<uint8_t>(back[i] | back[i] >> 4);
+      std::memcpy(words, both.data(), count);
       return words + (count + 3) / 4;
     }
     std::array<uint16_t, kMaxClusterTriangles + 3> pairs;
-    for (uint32_t i = 0; i < count; ++i)
-      pairs[i] = static_cast<uint16_t>(triangles_.back[0][i] | triangles_.back[1][i] << bits);
+    for (uint32_t i = 0; i < count; ++i) pairs[i] = static_cast<uint16_t>((back[i] & 0xff) | back[i] >> 8 << bits);
     std::fill_n(pairs.begin() + count, 3, uint16_t{0});
     WordWriter writer(words);
     for (uint32_t i = 0; i < count; i += 4) {
@@ -364,7 +427,7 @@ class Joiner {
 
   /// Writes the positions to `words` and the prediction to `prediction`. Returns the end of the positions.
   Result<uint32_t*> put_positions(const OffsetBox& box, uint32_t* prediction, uint32_t* words, ClusterRecord& record) {
-    const uint32_t count = form_.vertex_count;
+    const uint32_t count = cluster_.vertex_count;
     int32_t codes[3][kMaxClusterVertices];
     const auto min_x = static_cast<int32_t>(box.min[0]);
     const auto min_y = static_cast<int32_t>(box.min[1]);
@@ -377,8 +440,8 @@ class Joiner {
     uint32_t bits[3];
     for (size_t axis = 0; axis < 3; ++axis)
       bits[axis] = static_cast<uint32_t>(std::bit_width(box.max[axis] - box.min[axis]));
-    if (form_.axis != kNotPredicted) {
-      const uint32_t axis = form_.axis;
+    if (cluster_.axis != kNotPredicted) {
+      const uint32_t axis = cluster_.axis;
       const uint32_t u = (axis + 1) % 3;
       const uint32_t v = (axis + 2) % 3;
       const std::byte* slopes = in_[kSlopes].take(4);
@@ -419,15 +482,18 @@ class Joiner {
   SplitMemory& memory_;
   uint64_t done_ = 0;  // bytes of the page
   std::array<Cursor, kStreams> in_;
-  uint32_t planes_ = 0;
-  const std::byte* residuals_ = nullptr;
-  uint64_t residual_count_ = 0;
-  uint64_t residual_ = 0;
-  Form form_{};
-  const std::byte* steps_ = nullptr;
-  const std::byte* pairs_ = nullptr;  // of distances
-  const std::byte* places_ = nullptr;
-  ClusterTriangles triangles_;
+  uint64_t residual_count_ = 0;  // of the page
+  uint64_t residual_ = 0;        // the next one
+  const std::byte* low_ = nullptr;
+  bool has_high_ = false;
+  const std::byte* tall_ = nullptr;
+  uint64_t tall_count_ = 0;  // of the page
+  uint64_t next_tall_ = 0;
+  uint32_t tall_bytes_ = 1;
+  const std::byte* far_ = nullptr;
+  uint64_t far_count_ = 0;  // of the page
+  uint64_t next_far_ = 0;
+  ReadCluster cluster_{};
   Offsets* at_ = nullptr;  // the cluster's vertices
   uint32_t named_ = 0;     // the vertex referred to last, numbered in the part
   Offsets first_{};        // first vertex of the cluster before

@@ -202,11 +202,25 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
     numbered.add(at_vertex_[vertex]);
   };
   const auto push_corners = [&](uint32_t triangle) {
-    for (const uint8_t corner : corners_[triangle])
-      if (out.number[corner] == kFree) push(corner);
+    const auto& corner = corners_[triangle];
+    const size_t first = corner[1] == start ? 1 : corner[2] == start ? 2 : 0;
+    for (size_t i = first; i < first + 3; ++i)
+      if (out.number[corner[i % 3]] == kFree) push(corner[i % 3]);
   };
   const auto first_of = [](const TriangleSet& set) {
     return static_cast<uint32_t>(set[0] != 0 ? std::countr_zero(set[0]) : 64 + std::countr_zero(set[1]));
+  };
+  const auto without_first = [](TriangleSet set) {
+    set[set[0] != 0 ? 0 : 1] &= set[set[0] != 0 ? 0 : 1] - 1;
+    return set;
+  };
+  const auto neighbour_after = [&](uint32_t triangle, uint32_t vertex) {
+    const auto& corner = corners_[triangle];
+    return corner[0] == vertex ? corner[1] : corner[1] == vertex ? corner[2] : corner[0];
+  };
+  const auto corner_left = [&](uint32_t triangle) {  // that without a number
+    const auto& corner = corners_[triangle];
+    return corner[out.number[corner[0]] == kFree ? 0 : out.number[corner[1]] == kFree ? 1 : 2];
   };
   push(static_cast<uint8_t>(start));
   push_corners(first_of({at_vertex_[start].any(0), at_vertex_[start].any(1)}));
@@ -215,18 +229,22 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
       push_corners(first_of({~numbered.three(0), ~numbered.three(1)}));
     const uint32_t vertex = queue[at];
     const TriangleSet here{at_vertex_[vertex].any(0), at_vertex_[vertex].any(1)};
-    // Numbers all neighbours of the vertex, triangle by triangle around it: each turn visits the triangles in which
-    // exactly one corner has no number.
-    TriangleSet later{~uint64_t{0}, ~uint64_t{0}};  // triangles that this turn has not reached
+    // Numbers all neighbours of the vertex, triangle by triangle around it. A triangle is left if exactly one corner
+    // has no number. The next one is that with the vertex numbered last, if this continues the turn in the one
+    // direction of all turns, else the first one in that direction, if any. So most triangles lie across the edge from
+    // the vertex numbered before (codecs.md, split pages).
     for (;;) {
       const TriangleSet left{here[0] & numbered.two(0), here[1] & numbered.two(1)};
       if ((left[0] | left[1]) == 0) break;
-      const TriangleSet next{left[0] & later[0], left[1] & later[1]};
-      const uint32_t triangle = first_of((next[0] | next[1]) != 0 ? next : left);
-      const auto& corner = corners_[triangle];
-      push(corner[out.number[corner[0]] == kFree ? 0 : out.number[corner[1]] == kFree ? 1 : 2]);
-      later[0] = triangle < 64 ? ~uint64_t{1} << triangle : 0;
-      later[1] = triangle < 64 ? ~uint64_t{0} : ~uint64_t{1} << (triangle - 64);
+      const CornerCounts& at_last = at_vertex_[queue[filled - 1]];
+      const TriangleSet beside{left[0] & at_last.any(0), left[1] & at_last.any(1)};
+      const uint32_t triangle = first_of((beside[0] | beside[1]) != 0 ? beside : left);
+      uint8_t neighbour = neighbour_after(triangle, vertex);
+      for (TriangleSet others = left; out.number[neighbour] != kFree && (others[0] | others[1]) != 0;
+           others = without_first(others))
+        neighbour = neighbour_after(first_of(others), vertex);
+      if (out.number[neighbour] != kFree) neighbour = corner_left(triangle);
+      push(neighbour);
     }
     // The last vertex lies in a triangle with this one or an earlier one.
     if ((filled - 1 - at) >> most_bits != 0) return kGaveUp;
@@ -260,6 +278,8 @@ void ClusterPacker::order_triangles(Numbering& out) const {
     out.largest[place + 1] = largest[t];
     out.distances[place] = distances[t];
   }
+  for (uint32_t v = 0, begin = 0; v < vertex_count_; begin = first[v++])
+    if (first[v] - begin > 1) order_fan(out, begin, first[v]);
   std::fill_n(out.largest.begin() + triangle_count_ + 1, 7, out.largest[triangle_count_]);
   out.padding = out.largest[1] < 2 ? 2u - out.largest[1] : 0;
   out.largest[0] = static_cast<uint8_t>(2 - out.padding);
@@ -270,6 +290,35 @@ void ClusterPacker::order_triangles(Numbering& out) const {
   out.distance_bits = static_cast<uint32_t>(std::bit_width(furthest));
   out.words =
       words_for(triangle_count_) * (out.wide_steps ? 2 : 1) + words_for(triangle_count_ * 2 * out.distance_bits);
+}
+
+/// Orders triangles with the same largest vertex around it: the second corner of a triangle is, where possible, the
+/// third corner of the triangle before (codecs.md, split pages).
+void ClusterPacker::order_fan(Numbering& out, uint32_t begin, uint32_t end) {
+  const auto second = [&](uint32_t i) { return out.distances[i] & 0xffu; };
+  const auto third = [&](uint32_t i) { return static_cast<uint32_t>(out.distances[i] >> 8); };
+  const auto swap = [&](uint32_t i, uint32_t k) {
+    std::swap(out.order[i], out.order[k]);
+    std::swap(out.distances[i], out.distances[k]);
+  };
+  if (end - begin == 2) {  // most often
+    if (third(begin + 1) == second(begin) && third(begin) != second(begin + 1)) swap(begin, begin + 1);
+    return;
+  }
+  const auto begins_fan = [&](uint32_t i, uint32_t from) {
+    for (uint32_t k = from; k < end; ++k)
+      if (k != i && third(k) == second(i)) return false;
+    return true;
+  };
+  for (uint32_t i = begin; i + 1 < end; ++i) {
+    uint32_t next = i;
+    while (i != begin && next < end && second(next) != third(i - 1)) ++next;
+    if (i == begin || next == end) {
+      next = i;
+      while (next < end && !begins_fan(next, i)) ++next;
+    }
+    if (next != end) swap(i, next);  // else the triangles close a circle, in which any may be the first
+  }
 }
 
 void ClusterPacker::choose_numbering() {

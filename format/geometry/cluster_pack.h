@@ -72,6 +72,7 @@ class ClusterPacker {
   void gather(std::span<const uint32_t> triangles);
   uint32_t number_from(uint32_t start, uint32_t most_bits, Numbering& out) const;
   void order_triangles(Numbering& out) const;
+  static void order_fan(Numbering& out, uint32_t begin, uint32_t end);
   void choose_numbering();
   uint32_t* put_triangles(PackedCluster& cluster, uint32_t* words) const;
   uint32_t* put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const;

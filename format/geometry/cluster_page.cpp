@@ -31,8 +31,7 @@ class Splitter {
  public:
   Splitter() { latest_.fill(kNone); }
 
-  /// Returns false if join_page() would refuse a cluster.
-  bool part(const std::byte* payload, uint32_t clusters) {
+  void part(const std::byte* payload, uint32_t clusters) {
     start_ += memory_.recent.count();
     memory_.recent.clear();
     named_ = 0;
@@ -41,11 +40,9 @@ class Splitter {
     const std::byte* const records = bounds + clusters * sizeof(ClusterBounds);
     const std::byte* const data = records + clusters * sizeof(ClusterRecord);
     for (uint64_t i = 0; i < clusters; ++i) {
-      if (!cluster(make_cluster_reader(load<ClusterRecord>(records + i * sizeof(ClusterRecord)),
-                                       load<ClusterBounds>(bounds + i * sizeof(ClusterBounds)), data)))
-        return false;
+      cluster(make_cluster_reader(load<ClusterRecord>(records + i * sizeof(ClusterRecord)),
+                                  load<ClusterBounds>(bounds + i * sizeof(ClusterBounds)), data));
     }
-    return true;
   }
 
   void put_part(uint32_t clusters, std::span<const std::byte> plain) {
@@ -55,25 +52,17 @@ class Splitter {
   }
 
   SplitPage finish() {
-    uint32_t all = 0;
-    for (const auto& codes : residuals_)
-      for (const uint32_t code : codes) all |= code;
-    const uint32_t planes = (static_cast<uint32_t>(std::bit_width(all | 1)) + 7) / 8;
-    for (uint32_t plane = 0; plane < planes; ++plane) {
-      for (const auto& codes : residuals_) {
-        std::byte* const to = grow(kResiduals, codes.size());
-        for (size_t i = 0; i < codes.size(); ++i) to[i] = static_cast<std::byte>(codes[i] >> 8 * plane);
-      }
-    }
+    put_planes(kFar, far_, 2);
+    const uint32_t tall_bytes = put_residuals();
     SplitPage page;
     uint64_t bytes = kHeaderBytes;
     for (const auto& stream : out_) bytes += stream.size();
     page.bytes.resize(kHeaderBytes);
     page.bytes.reserve(bytes);
-    store(page.bytes.data(), planes);
+    store(page.bytes.data(), tall_bytes);
     for (uint32_t i = 0; i < kStreams; ++i) {
       store(page.bytes.data() + 4 * (1 + uint64_t{i}), static_cast<uint32_t>(out_[i].size()));
-      const uint64_t ends = i == kResiduals ? 3 * planes : 1;
+      const uint64_t ends = i == kLow ? 3 : i == kTall ? tall_bytes : i == kFar ? 2 : 1;
       for (uint64_t k = 1; k <= ends; ++k) page.stream_ends.push_back(page.bytes.size() + out_[i].size() * k / ends);
       page.bytes.insert(page.bytes.end(), out_[i].begin(), out_[i].end());
     }
@@ -94,43 +83,82 @@ class Splitter {
     store(grow(stream, sizeof value), value);
   }
 
-  bool cluster(const ClusterReader& reader) {
+  void cluster(const ClusterReader& reader) {
     const ClusterLayout& layout = reader.layout;
     put(kTriangles, static_cast<uint8_t>(layout.triangle_count - 1));
     put(kVertices, static_cast<uint8_t>(layout.vertex_count - 1));
     put(kForms, static_cast<uint8_t>(layout.distance_bits | (layout.wide_steps ? 8 : 0) | layout.predicted_axis << 4));
     if (layout.predicted_axis != kNotPredicted) put(kSlopes, reader.word(layout.prediction));
-    const TriangleBytes bytes = put_triangles(reader);
-    ClusterTriangles triangles;
-    if (!read_triangles(bytes, layout.vertex_count, triangles)) return false;
-    const Offsets* const at = read_vertices(reader);
-    memory_.predictor.begin(triangles, layout.vertex_count);
-    put_vertices(at, layout.vertex_count);
-    return true;
+    put_triangles(reader);
+    memory_.predictor.begin(triangles_, layout.vertex_count);
+    put_vertices(read_vertices(reader), layout.vertex_count);
   }
 
-  TriangleBytes put_triangles(const ClusterReader& reader) {
-    const ClusterLayout& layout = reader.layout;
-    const uint32_t count = layout.triangle_count;
-    const uint32_t halves = layout.wide_steps ? 2 : 1;
-    const uint32_t step_bytes = bytes_of_steps(count);
-    const uint32_t step_words = (count + 31) / 32;
-    const bool is_short = layout.distance_bits <= kShortDistance;
-    std::byte* const steps = grow(kSteps, halves * step_bytes);
-    std::byte* const pairs = grow(kDistances, is_short ? count : 2 * count);
-    for (uint32_t half = 0; half < halves; ++half)
-      std::memcpy(steps + half * step_bytes, reader.data + 4 * uint64_t{layout.steps + half * step_words}, step_bytes);
-    if (layout.distance_bits == kShortDistance) {  // most often; pairs are packed as they are
-      std::memcpy(pairs, reader.data + 4 * uint64_t{layout.distances}, count);
-    } else {
-      for (uint32_t i = 0; i < count; ++i) {
-        uint32_t back[2];
-        reader.distances(i, back);
-        pairs[is_short ? i : 2 * i] = static_cast<std::byte>(is_short ? back[0] | back[1] << 4 : back[0]);
-        if (!is_short) pairs[2 * i + 1] = static_cast<std::byte>(back[1]);
+  /// Writes the gates and distances, and keeps the triangles.
+  void put_triangles(const ClusterReader& reader) {
+    const uint32_t count = reader.layout.triangle_count;
+    std::byte* const gates = grow(kGates, count);
+    std::byte distances[2 * kMaxClusterTriangles + 2];
+    uint32_t distance_count = 0;
+    OpenEdges edges;
+    uint32_t largest = 2;
+    uint32_t last = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+      uint32_t back[2];
+      reader.distances(i, back);
+      const uint32_t step = reader.step(i);
+      largest += step;
+      const uint32_t a = largest - back[0];
+      const uint32_t b = largest - back[1];
+      uint32_t gate = kExplicitGate + step;
+      if (edges.next(a) == b && step == 0 && a == last) gate = 0;
+      if (edges.next(a) == b && step == 1 && a != largest) gate = back[0];
+      const bool is_explicit = gate >= kExplicitGate;
+      distances[distance_count] = static_cast<std::byte>(back[0]);
+      distances[distance_count + 1] = static_cast<std::byte>(back[1]);
+      distance_count += is_explicit ? 2 : 0;
+      gates[i] = static_cast<std::byte>(gate);
+      triangles_.corners[i] = corner_of(a, b, is_explicit ? ClusterTriangles::kNoVertex : edges.across(a));
+      edges.add(largest, a, b);
+      last = b;
+      triangles_.largest[i] = static_cast<uint8_t>(largest);
+      triangles_.back[i] = static_cast<uint16_t>(back[0] | back[1] << 8);
+    }
+    triangles_.count = count;
+    triangles_.largest[count] = ClusterTriangles::kNoVertex;
+    if (distance_count != 0) std::memcpy(grow(kDistances, distance_count), distances, distance_count);
+  }
+
+  /// Writes the residuals of all vertices. Returns the bytes of a tall code.
+  uint32_t put_residuals() {
+    const size_t count = residuals_[0].size();
+    std::vector<uint16_t> tall;
+    std::vector<std::byte> high(count);
+    uint32_t all = 0;
+    for (size_t i = 0; i < count; ++i) {
+      for (size_t axis = 0; axis < 3; ++axis) {
+        const uint32_t rest = residuals_[axis][i] >> 8;
+        all |= rest;
+        high[i] |= static_cast<std::byte>(std::min(rest, kTallCode) << 2 * axis);
+        if (rest >= kTallCode) tall.push_back(static_cast<uint16_t>(rest));
       }
     }
-    return {steps, pairs, count, layout.distance_bits, layout.wide_steps};
+    for (const auto& codes : residuals_) {
+      std::byte* const low = grow(kLow, count);
+      for (size_t i = 0; i < count; ++i) low[i] = static_cast<std::byte>(codes[i]);
+    }
+    if (all != 0) out_[kHigh] = std::move(high);
+    const uint32_t tall_bytes = all >> 8 != 0 ? 2 : 1;
+    put_planes(kTall, tall, tall_bytes);
+    return tall_bytes;
+  }
+
+  /// Writes the low bytes of all values, then the high bytes if values have two.
+  void put_planes(Stream stream, std::span<const uint16_t> values, uint32_t bytes) {
+    for (uint32_t byte = 0; byte < bytes; ++byte) {
+      std::byte* const to = grow(stream, values.size());
+      for (size_t i = 0; i < values.size(); ++i) to[i] = static_cast<std::byte>(values[i] >> 8 * byte);
+    }
   }
 
   /// Reads a cluster's vertices behind the recent ones, and their slots. Returns the vertices.
@@ -164,13 +192,14 @@ class Splitter {
     return at;
   }
 
-  /// Writes the places and the residuals of the vertices at `at`.
+  /// Writes the references of the vertices at `at`, and keeps the residuals.
   void put_vertices(const Offsets* at, uint32_t count) {
     RecentVertices& recent = memory_.recent;
     const Offsets* const values = recent.values();
     const uint32_t first_index = recent.first_index();
     const uint32_t first_number = recent.count();
-    uint8_t places[kMaxClusterVertices];
+    uint8_t fresh[kMaxClusterVertices / 8] = {};
+    uint8_t references[kMaxClusterVertices];
     uint16_t far[kMaxClusterVertices];
     uint32_t codes[3][kMaxClusterVertices];
     uint32_t far_count = 0;
@@ -185,10 +214,11 @@ class Splitter {
       // Garbage if the vertex lies too far back.
       const Offsets& earlier = values[(first_index + number - back) % kMostValues];
       const bool is_known = back <= std::min(number, kMostBack) && std::memcmp(&earlier, &offsets, sizeof offsets) == 0;
-      const uint32_t place = is_known ? zigzag(number - back - named) + 1 : 0;
-      places[v] = static_cast<uint8_t>(std::min(place, kFarPlace));
+      const uint32_t reference = std::min(zigzag(number - back - named), kFarReference);
+      fresh[v / 8] = static_cast<uint8_t>(fresh[v / 8] | (is_known ? 0u : 1u) << v % 8);
+      references[v - new_count] = static_cast<uint8_t>(reference);
       far[far_count] = static_cast<uint16_t>(back);
-      far_count += place >= kFarPlace;
+      far_count += is_known && reference == kFarReference;
       named = is_known ? number - back : named;
       const Offsets expected = v == 0 ? first_ : memory_.predictor.expected(v, at);
       const Offsets left = (offsets - expected) << 8 >> 8;  // modulo 2^24, the representative nearest to 0
@@ -198,8 +228,10 @@ class Splitter {
     named_ = named;
     first_ = at[0];
     recent.add(count);
-    std::memcpy(grow(kPlaces, count), places, count);
-    if (far_count != 0) std::memcpy(grow(kFar, 2 * far_count), far, 2 * far_count);
+    const uint32_t fresh_bytes = bytes_of_bits(count);
+    std::memcpy(grow(kFresh, fresh_bytes), fresh, fresh_bytes);
+    if (new_count != count) std::memcpy(grow(kReferences, count - new_count), references, count - new_count);
+    far_.insert(far_.end(), far, far + far_count);
     for (size_t axis = 0; axis < 3; ++axis)
       residuals_[axis].insert(residuals_[axis].end(), codes[axis], codes[axis] + new_count);
   }
@@ -211,6 +243,7 @@ class Splitter {
   }
 
   SplitMemory memory_;
+  ClusterTriangles triangles_;
   // The latest vertex with each hash. Vertices count over all parts.
   std::array<uint32_t, 1u << kSlotBits> latest_;
   std::array<uint32_t, kMaxClusterVertices> slots_;  // of the cluster's vertices
@@ -219,6 +252,7 @@ class Splitter {
   Offsets first_{};
   std::array<std::vector<std::byte>, kStreams> out_;
   std::array<std::vector<uint32_t>, 3> residuals_;  // codes per axis
+  std::vector<uint16_t> far_;
 };
 
 /// Bytes of the streams of a chunk's clusters.
@@ -238,7 +272,7 @@ SplitPage split_page(std::span<const std::byte> page, std::span<const PageCluste
   for (const PageClusters& part : clusters) {
     assert(part.cluster_count != 0 && part.offset >= done);
     if (part.offset != done || before != 0) splitter->put_part(before, page.subspan(done, part.offset - done));
-    if (!splitter->part(page.data() + part.offset, part.cluster_count)) return {};
+    splitter->part(page.data() + part.offset, part.cluster_count);
     before = part.cluster_count;
     done = part.offset + cluster_bytes(page.data() + part.offset, part.cluster_count);
   }

@@ -7,40 +7,53 @@
 #include <span>
 #include <vector>
 
+#include "format/hd.h"
 #include "format/result.h"
 
 namespace scree::format::split_streams {
 
 enum Stream : uint32_t {
-  kParts,      // number of clusters, number of plain bytes, and so on alternating, u32 each
-  kTriangles,  // a byte per cluster: triangles less one
-  kVertices,   // a byte per cluster: vertices less one
-  kForms,      // a byte per cluster: distance bits 0 to 2, wide steps 3, predicted axis 4 and 5
-  kSlopes,     // of clusters with a prediction: i16 each
-  kSteps,      // low bits of a cluster's steps, then high bits if wide: whole bytes
-  kDistances,  // both distances of each triangle: one byte, the first in its low half; a byte each if over 4 bits
-  kPlaces,     // per vertex: 0 it has a residual, 1 to 254 the step to an equal earlier vertex, 255 it is in kFar
-  kFar,        // u16: how many vertices back the equal vertex is
-  kResiduals,  // of vertices with place 0: low bytes of x, of y, of z, then the next byte of each, and so on
-  kPlain,      // bytes outside clusters
+  kParts,       // number of clusters, number of plain bytes, and so on alternating, u32 each
+  kTriangles,   // a byte per cluster: triangles less one
+  kVertices,    // a byte per cluster: vertices less one
+  kForms,       // a byte per cluster: distance bits 0 to 2, wide steps 3, predicted axis 4 and 5
+  kSlopes,      // of clusters with a prediction: i16 each
+  kGates,       // a byte per triangle (split_triangles.h)
+  kDistances,   // of triangles with an explicit gate: a byte each
+  kFresh,       // a bit per vertex of a cluster, whole bytes: it has a residual
+  kReferences,  // of the other vertices, a byte each: the step to an equal earlier vertex, or kFarReference
+  kFar,         // how many vertices back the equal vertex is: low bytes, then high bytes
+  kLow,         // low bytes of the residuals: of x, of y, of z
+  kHigh,        // a byte per residual: two bits per axis, the rest of its code if below kTallCode; empty if all are 0
+  kTall,        // the rest of each code that is not: low bytes, then high bytes
+  kPlain,       // bytes outside clusters
   kStreams,
 };
-inline constexpr const char* kNames[kStreams] = {"parts",     "triangles", "vertices", "forms",     "slopes", "steps",
-                                                 "distances", "places",    "far",      "residuals", "plain"};
+inline constexpr const char* kNames[kStreams] = {"parts",     "triangles", "vertices",   "forms",      "slopes",
+                                                 "gates",     "distances", "fresh bits", "references", "far",
+                                                 "low bytes", "high bits", "tall bytes", "plain"};
 
-// A split page begins with the number of bytes per residual and the sizes of the streams.
+// A split page begins with the number of bytes per tall code and the sizes of the streams.
 inline constexpr uint64_t kHeaderBytes = 4 * (1 + uint64_t{kStreams});
-inline constexpr uint32_t kMaxPlanes = 3;      // residuals are modulo 2^24
-inline constexpr uint32_t kShortDistance = 4;  // distances of at most this many bits take half a byte
-inline constexpr uint32_t kFarPlace = 255;
+inline constexpr uint32_t kMostTallBytes = 2;  // residuals are modulo 2^24
+inline constexpr uint32_t kTallCode = 3;
+inline constexpr uint32_t kExplicitGate = 128;  // plus the step
+inline constexpr uint32_t kFarReference = 255;
 inline constexpr uint32_t kMostBack = 65535;  // vertices
+
+/// Bytes of a bit each.
+SCREE_HD constexpr uint32_t bytes_of_bits(uint32_t bits) {
+  return (bits + 7) / 8;
+}
 
 /// The bytes of each stream.
 struct SplitStreams {
-  uint32_t planes = 0;  // bytes per residual
+  uint32_t tall_bytes = 1;  // per tall code
   std::span<const std::byte> bytes[kStreams];
 
-  uint64_t residual_count() const { return bytes[kResiduals].size() / (3 * planes); }
+  uint64_t residual_count() const { return bytes[kLow].size() / 3; }
+  uint64_t tall_count() const { return bytes[kTall].size() / tall_bytes; }
+  uint64_t far_count() const { return bytes[kFar].size() / 2; }
 };
 
 /// Finds the streams. Errors kTruncated, kTrailing, kRange.
@@ -55,20 +68,32 @@ struct SplitPart {
   uint32_t plain_bytes;
   uint64_t triangle_count;
   uint64_t vertex_count;
-  uint32_t first[kStreams];  // offset of its first value in the split page; of residuals: the number of the first
+  // Offset of its first value in the split page; of kLow and kHigh: number of its first residual; of kTall and kFar:
+  // number of its first value.
+  uint32_t first[kStreams];
+};
+
+/// Where the streams of a split page lie whose values are apart, byte by byte. Offsets in the page.
+struct StreamPlanes {
+  uint32_t residual_count = 0;
+  uint32_t low = 0;
+  uint32_t high = 0;  // 0: there are no high bits
+  uint32_t tall = 0;
+  uint32_t tall_count = 0;
+  uint32_t tall_bytes = 1;
+  uint32_t far = 0;
+  uint32_t far_count = 0;
 };
 
 /// All parts of a split page.
 struct SplitParts {
-  uint32_t planes = 0;
-  uint32_t residual_count = 0;
-  uint32_t residuals = 0;  // offset of the stream in the split page
+  StreamPlanes planes;
   std::vector<SplitPart> parts;
 };
 
 /// Finds the parts, by counting what their clusters take of each stream. nullopt: join_page() would refuse the page's
-/// streams or forms, or the page has 4 GiB or more. If it returns parts, the values of every cluster are there. Throws
-/// std::bad_alloc.
+/// streams or set bits that are reserved, or the page has 4 GiB or more. If it returns parts, the values of every
+/// cluster are there. Throws std::bad_alloc.
 std::optional<SplitParts> locate_parts(std::span<const std::byte> split);
 
 }  // namespace scree::format::split_streams

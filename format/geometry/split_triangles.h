@@ -1,88 +1,120 @@
-// Reads the triangles of a cluster from the streams of a split page. Source: spec/codecs.md, split pages.
+// The triangles of a cluster in a split page: each is found by its gate, the edge to earlier triangles. Source:
+// spec/codecs.md, split pages.
 #pragma once
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
-#include "format/bytes.h"
 #include "format/geometry/split_streams.h"
 #include "format/geometry/vertex_predictor.h"
 
 namespace scree::format::split_streams {
 
-/// Bytes of each half of a cluster's steps.
-constexpr uint32_t bytes_of_steps(uint32_t triangle_count) {
-  return (triangle_count + 7) / 8;
+/// The edges by which the triangles of a cluster can be continued. Vertices are below kMaxClusterVertices.
+class OpenEdges {
+ public:
+  OpenEdges() {
+    next_[0] = 1;  // the edge from 0 to 1 is the first gate
+    across_.fill(ClusterTriangles::kNoVertex);
+  }
+  /// The end of the latest edge that begins at `a`; 0 if there is none.
+  uint32_t next(uint32_t a) const { return next_[a]; }
+  /// The vertex on the other side of that edge, or kNoVertex.
+  uint32_t across(uint32_t a) const { return across_[a]; }
+
+  /// Adds a triangle.
+  void add(uint32_t largest, uint32_t a, uint32_t b) {
+    next_[a] = static_cast<uint8_t>(largest);
+    across_[a] = static_cast<uint8_t>(b);
+    next_[largest] = static_cast<uint8_t>(b);
+    across_[largest] = static_cast<uint8_t>(a);
+  }
+
+ private:
+  // By the vertex at which an edge begins.
+  std::array<uint8_t, kMaxClusterVertices> next_{};
+  std::array<uint8_t, kMaxClusterVertices> across_;
+};
+
+/// As in ClusterTriangles.
+constexpr uint32_t corner_of(uint32_t a, uint32_t b, uint32_t across) {
+  return a | b << 8 | across << 16;
 }
 
-/// The bytes of a cluster in the streams of steps and of distances.
+/// The bytes of a cluster in the streams of gates and of distances.
 struct TriangleBytes {
-  const std::byte* steps;
+  std::span<const std::byte> gates;
   const std::byte* distances;
-  uint32_t triangle_count;
   uint32_t distance_bits;
   bool wide_steps;
 };
 
-/// For each byte of steps, eight bytes: the number of ones up to each bit.
-inline constexpr auto kOnesUpTo = [] {
-  std::array<uint64_t, 256> ones{};
-  for (uint32_t byte = 0; byte < 256; ++byte)
-    for (uint32_t bit = 0; bit < 8; ++bit)
-      ones[byte] |= static_cast<uint64_t>(std::popcount(byte & ((2u << bit) - 1))) << 8 * bit;
-  return ones;
-}();
-
-/// Computes the largest vertex of each triangle. Returns whether all are below `vertex_count`.
-inline bool sum_steps(const TriangleBytes& bytes, uint32_t vertex_count, ClusterTriangles& triangles) {
-  std::byte* const largest = reinterpret_cast<std::byte*>(triangles.largest.data());
-  const uint32_t step_bytes = bytes_of_steps(bytes.triangle_count);
-  uint32_t sum = 2;
-  for (uint32_t i = 0; i < step_bytes; ++i) {
-    if (sum >= vertex_count) return false;  // from 127 on, eight steps of 3 stay within a byte
-    uint64_t eight = sum * 0x0101010101010101u + kOnesUpTo[std::to_integer<uint32_t>(bytes.steps[i])];
-    if (bytes.wide_steps) eight += 2 * kOnesUpTo[std::to_integer<uint32_t>(bytes.steps[step_bytes + i])];
-    store(largest + 8 * i, eight);
-    sum = static_cast<uint32_t>(eight >> 56);
-  }
-  return triangles.largest[bytes.triangle_count - 1] < vertex_count;
+/// How many distances the gates need.
+inline uint32_t distances_of(std::span<const std::byte> gates) {
+  uint32_t count = 0;
+  for (const std::byte gate : gates) count += std::to_integer<uint32_t>(gate) / kExplicitGate;
+  return 2 * count;
 }
 
-/// Returns whether all distances have at most distance_bits, and none passes its triangle's largest vertex.
-inline bool unpack_distances(const TriangleBytes& bytes, ClusterTriangles& triangles) {
-  const uint32_t count = bytes.triangle_count;
-  const bool is_short = bytes.distance_bits <= kShortDistance;
-  const std::byte* const pairs = bytes.distances;
-  uint8_t* const first = triangles.back[0].data();
-  uint8_t* const second = triangles.back[1].data();
-  for (uint32_t i = 0; i < count && is_short; ++i) {
-    first[i] = std::to_integer<uint8_t>(pairs[i] & std::byte{15});
-    second[i] = std::to_integer<uint8_t>(pairs[i] >> 4);
-  }
-  for (uint32_t i = 0; i < count && !is_short; ++i) {
-    first[i] = std::to_integer<uint8_t>(pairs[2 * i]);
-    second[i] = std::to_integer<uint8_t>(pairs[2 * i + 1]);
-  }
-  const uint8_t* const largest = triangles.largest.data();
-  uint8_t all = 0;
-  uint8_t past = 0;
-  for (uint32_t i = 0; i < count; ++i) {
-    const uint8_t further = std::max(first[i], second[i]);
-    all |= further;
-    past |= static_cast<uint8_t>(std::max(further, largest[i]) ^ largest[i]);
-  }
-  return past == 0 && all >> bytes.distance_bits == 0;
-}
-
-/// Returns false if a triangle has vertices that are not below `vertex_count`, or a distance of too many bits; then
-/// `triangles` are unspecified.
+/// Reads the triangles. Returns false if a triangle has vertices that are not below `vertex_count`, or a distance or a
+/// step has too many bits; then `triangles` are unspecified.
 inline bool read_triangles(const TriangleBytes& bytes, uint32_t vertex_count, ClusterTriangles& triangles) {
-  triangles.count = bytes.triangle_count;
-  triangles.distance_bits = bytes.distance_bits;
-  return sum_steps(bytes, vertex_count, triangles) && unpack_distances(bytes, triangles);
+  const auto count = static_cast<uint32_t>(bytes.gates.size());
+  const std::byte* const gates = bytes.gates.data();
+  triangles.count = count;
+  uint32_t end = 2;
+  uint8_t all_steps = 0;
+  for (uint32_t i = 0; i < count; ++i) {
+    const auto gate = std::to_integer<uint8_t>(gates[i]);
+    const uint8_t step = gate >= kExplicitGate ? gate & 3 : gate != 0;
+    triangles.steps[i] = step;
+    all_steps |= step;
+    end += step;
+  }
+  if (end >= vertex_count || (all_steps > 1 && !bytes.wide_steps)) return false;
+
+  OpenEdges edges;
+  const std::byte* distances = bytes.distances;
+  uint32_t largest = 2;
+  uint32_t last = 0;  // the last vertex of the triangle before, where a fan continues
+  for (uint32_t i = 0; i < count; ++i) {
+    const auto gate = std::to_integer<uint32_t>(gates[i]);
+    largest += triangles.steps[i];
+    uint32_t a, b, across;
+    if (gate >= kExplicitGate) [[unlikely]] {
+      const auto back_a = std::to_integer<uint32_t>(*distances++);
+      const auto back_b = std::to_integer<uint32_t>(*distances++);
+      if (std::max(back_a, back_b) > largest) return false;
+      a = largest - back_a;
+      b = largest - back_b;
+      across = ClusterTriangles::kNoVertex;
+    } else {
+      // Without a branch, which would often be mispredicted. Each triangle waits for `last`.
+      const uint32_t continues = 0u - (gate == 0);
+      a = (last & continues) | ((largest - gate) % kMaxClusterVertices & ~continues);
+      b = edges.next(a);
+      across = edges.across(a);
+    }
+    edges.add(largest, a, b);
+    last = b;
+    triangles.corners[i] = corner_of(a, b, across);
+    triangles.largest[i] = static_cast<uint8_t>(largest);
+  }
+  triangles.largest[count] = ClusterTriangles::kNoVertex;
+
+  uint8_t past = 0;  // gates past the largest vertex
+  uint32_t all_back = 0;
+  for (uint32_t i = 0; i < count; ++i) {
+    const auto gate = std::to_integer<uint8_t>(gates[i]);
+    past |= static_cast<uint8_t>(gate < kExplicitGate && gate > triangles.largest[i]);
+    const uint32_t back = triangles.largest[i] * 0x0101u - (triangles.corners[i] & 0xffff);
+    all_back |= back;
+    triangles.back[i] = static_cast<uint16_t>(back);
+  }
+  return past == 0 && (all_back | all_back >> 8) % 256 >> bytes.distance_bits == 0;
 }
 
 }  // namespace scree::format::split_streams

@@ -40,8 +40,6 @@ std::optional<JoinTask> task_of(const SplitParts& page, const SplitPart& part, c
   task.cluster_count = part.cluster_count;
   std::copy(std::begin(part.first), std::end(part.first), task.first);
   task.planes = page.planes;
-  task.residual_count = page.residual_count;
-  task.residuals = page.residuals;
   task.cluster_words = record.cluster_words;
   return task;
 }

@@ -18,7 +18,7 @@ namespace scree::tests {
 inline void damage_split_page(format::SealedPage& page, std::mt19937& random) {
   std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
   REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());
-  split[48 + random() % std::min<size_t>(split.size() - 48, 2000)] ^= static_cast<std::byte>(1 + random() % 255);
+  split[60 + random() % std::min<size_t>(split.size() - 60, 2000)] ^= static_cast<std::byte>(1 + random() % 255);
   page.stored.resize(ZSTD_compressBound(split.size()));
   page.stored.resize(ZSTD_compress(page.stored.data(), page.stored.size(), split.data(), split.size(), 1));
   page.record.stored_bytes = page.stored.size();

@@ -19,6 +19,9 @@ static_assert(kMost == format::kMaxClusterTriangles);
 inline constexpr uint32_t kRounds = kMost / kWarpLanes;  // of a warp over a cluster's vertices or triangles
 inline constexpr uint32_t kMostOffset = (1u << format::kMaxPositionBits) - 1;
 inline constexpr uint32_t kNothing = ~0u;
+inline constexpr uint32_t kNoVertex = 0xff;
+inline constexpr uint16_t kNoLink = kNoVertex << 8;
+inline constexpr uint16_t kFirstLink = kNoLink | 1;
 
 // Numbers that corners may have instead of a vertex.
 inline constexpr uint32_t kZero = kMost;       // offsets of 0
@@ -51,14 +54,14 @@ struct ReadCluster {
   uint32_t earlier[kMost];  // the part's number of an equal vertex in an earlier cluster, or kNothing
 };
 
-inline constexpr uint32_t kLists = 256;
-
 struct ReaderMemory {
-  uint8_t largest[kMost];     // vertex of each triangle
-  uint8_t begins[kMost];      // the first triangle with that largest vertex, or 0xff
-  uint32_t corners[kMost];    // of each triangle; kNothing if it is degenerate
-  uint32_t lists[kLists];     // the last edge with that hash, or kNothing
-  uint32_t edges[3 * kMost];  // the larger and the smaller vertex, the opposite one, the next edge of the list
+  uint8_t gates[kMost];    // of each triangle
+  uint8_t largest[kMost];  // vertex of each triangle
+  uint8_t begins[kMost];   // the first triangle with that largest vertex, or 0xff
+  uint16_t links[kMost];   // of each vertex: next() of OpenEdges in the low byte, across() in the high byte
+  // Of each triangle: its other vertices and the one on the other side of their edge, or kNoVertex. kNothing if it does
+  // not predict its largest vertex.
+  uint32_t corners[kMost];
 };
 
 __device__ inline uint32_t byte_at(const std::byte* at) {
@@ -77,11 +80,7 @@ __device__ inline bool all_lanes(bool good) {
 class Reader {
  public:
   __device__ Reader(const JoinTask& task, const std::byte* slot, ReaderMemory& memory)
-      : split_(slot + task.from),
-        memory_(memory),
-        planes_(task.planes),
-        residual_count_(task.residual_count),
-        residuals_(task.residuals) {
+      : split_(slot + task.from), memory_(memory), planes_(task.planes) {
     for (uint32_t i = 0; i < kStreams; ++i) next_[i] = task.first[i];
     request_counts();
   }
@@ -95,17 +94,14 @@ class Reader {
     const uint32_t bits = form & 7;
     const uint32_t is_wide = form >> 3 & 1;
     const bool is_predicted = (form >> 4 & 3) != format::kNotPredicted;
-    const bool is_short = bits <= kShortDistance;
-    // Everything is requested before the first use.
-    uint32_t places[kRounds];
-    uint32_t distances[kRounds];
+    uint32_t gates[kRounds];
+    uint32_t fresh[kRounds];
 #pragma unroll
-    for (uint32_t k = 0; k < kRounds; ++k) {
+    for (uint32_t k = 0; k < kRounds; ++k) {  // requests everything before the first use
       const uint32_t i = k * kWarpLanes + lane;
-      places[k] = i < vertices ? byte_at(split_ + next_[kPlaces] + i) : 1;
-      distances[k] = i < triangles ? distances_at(i, is_short) : 0;
+      gates[k] = i < triangles ? byte_at(split_ + next_[kGates] + i) : 0;
+      fresh[k] = i < vertices ? byte_at(split_ + next_[kFresh] + i / 8) >> i % 8 & 1 : 0;
     }
-    bool good = read_steps(out, triangles, is_wide, lane);
     if (lane == 0) {
       out.triangle_count = triangles;
       out.vertex_count = vertices;
@@ -116,15 +112,18 @@ class Reader {
       out.corners[vertices] = {thrice(kZero) | 2u << 24, thrice(kZero)};
     }
     next_[kSlopes] += is_predicted ? 4 : 0;
-    for (uint32_t i = lane; i < kLists; i += kWarpLanes) memory_.lists[i] = kNothing;
-    for (uint32_t i = lane; i < kMost; i += kWarpLanes) memory_.begins[i] = 0xff;
-    __syncwarp();
-    good &= read_triangles(out, distances, triangles, vertices, bits, lane);
+    for (uint32_t i = lane; i < kMost; i += kWarpLanes) {
+      memory_.begins[i] = 0xff;
+      memory_.links[i] = i == 0 ? kFirstLink : kNoLink;
+    }
+    bool good = read_gates(out, gates, triangles, vertices, is_wide, lane);
     if (!all_lanes(good)) return false;  // before vertices become indices
-    find_corners(out, triangles, lane);
-    good = read_vertices(out, places, triangles, vertices, lane);
-    next_[kDistances] += is_short ? triangles : 2 * triangles;
-    next_[kPlaces] += vertices;
+    if (lane == 0) connect(triangles);
+    __syncwarp();
+    good = put_distances(out, triangles, bits, lane);
+    good &= read_vertices(out, fresh, triangles, vertices, lane);
+    next_[kGates] += triangles;
+    next_[kFresh] += bytes_of_bits(vertices);
     first_vertex_ += vertices;
     return all_lanes(good);
   }
@@ -144,151 +143,141 @@ class Reader {
     return word;
   }
 
-  /// Both distances of a triangle, the second in the high byte.
-  __device__ uint32_t distances_at(uint32_t triangle, bool is_short) const {
-    const std::byte* const from = split_ + next_[kDistances];
-    if (!is_short) return byte_at(from + 2 * triangle) | byte_at(from + 2 * triangle + 1) << 8;
-    const uint32_t both = byte_at(from + triangle);
-    return (both & 15) | both >> 4 << 8;
-  }
-
-  /// Returns whether no bit is set after the triangles.
-  __device__ bool read_steps(ReadCluster& out, uint32_t triangles, uint32_t is_wide, uint32_t lane) {
-    const uint32_t bytes = (triangles + 7) / 8;
-    bool good = true;
-    if (lane < 2 * kRounds) {
-      const uint32_t half = lane / kRounds;
-      const uint32_t first = lane % kRounds * 4;
-      const uint32_t there = half <= is_wide && first < bytes ? min_of(bytes - first, 4u) : 0;
-      const uint32_t word = word_at(next_[kSteps] + half * bytes + first, there);
-      out.steps[half][lane % kRounds] = word;
-      const uint32_t left = triangles - min_of(triangles, 8 * first);
-      good = left >= 32 || word >> left == 0;
-    }
-    next_[kSteps] += bytes << is_wide;
-    return good;
-  }
-
-  /// Returns whether the vertices of the lane's triangles exist.
-  __device__ bool read_triangles(ReadCluster& out, const uint32_t* distances, uint32_t triangles, uint32_t vertices,
-                                 uint32_t bits, uint32_t lane) {
+  /// Reads the steps and the explicit triangles. Returns whether their vertices and the lane's gates exist.
+  __device__ bool read_gates(ReadCluster& out, const uint32_t* gates, uint32_t triangles, uint32_t vertices,
+                             uint32_t is_wide, uint32_t lane) {
+    const uint32_t counted = ~0u >> (kWarpLanes - 1 - lane);
     uint32_t before = 2;
     bool good = true;
 #pragma unroll
     for (uint32_t k = 0; k < kRounds; ++k) {
       const uint32_t i = k * kWarpLanes + lane;
-      const uint32_t low = out.steps[0][k];
-      const uint32_t high = out.steps[1][k];
-      const uint32_t counted = ~0u >> (kWarpLanes - 1 - lane);
+      const uint32_t gate = gates[k];
+      const bool is_explicit = gate >= kExplicitGate;
+      const uint32_t step = is_explicit ? gate & 3 : gate != 0 ? 1 : 0;
+      const uint32_t low = __ballot_sync(~0u, (step & 1) != 0);
+      const uint32_t high = __ballot_sync(~0u, step >= 2);
+      const uint32_t explicits = __ballot_sync(~0u, is_explicit);
       const uint32_t largest = before + count_bits(low & counted) + 2 * count_bits(high & counted);
       before += count_bits(low) + 2 * count_bits(high);
+      if (lane == 0) {
+        out.steps[0][k] = low;
+        out.steps[1][k] = high;
+      }
+      if (is_explicit) {
+        const std::byte* const from = split_ + next_[kDistances] + 2 * count_bits(explicits & (counted >> 1));
+        const uint32_t back_a = byte_at(from);
+        const uint32_t back_b = byte_at(from + 1);
+        good &= max_of(back_a, back_b) <= largest;
+        memory_.corners[i] = (largest - back_a) | (largest - back_b) << 8 | kNoVertex << 16;
+      }
+      next_[kDistances] += 2 * count_bits(explicits);
       if (i >= triangles) continue;
-      const uint32_t further = max_of(distances[k] & 0xff, distances[k] >> 8);
-      good &= largest < vertices && further <= largest && further >> bits == 0;
+      good &= largest < vertices && (is_explicit || gate <= largest) && (is_wide != 0 || step < 2);
+      memory_.gates[i] = static_cast<uint8_t>(gate);
       memory_.largest[i] = static_cast<uint8_t>(largest);
-      out.distances[i] = static_cast<uint16_t>(distances[k]);
     }
+    __syncwarp();
     return good;
   }
 
-  __device__ static uint32_t edge_of(uint32_t a, uint32_t b) {
-    return max_of(a, b) << 7 | min_of(a, b);
-  }
-  __device__ static uint32_t list_of(uint32_t edge) {
-    return ((edge >> 7) * 5 + edge) % kLists;
-  }
-
-  /// Finds the corner of each triangle: its smaller vertices, and the vertex opposite to their edge in the last
-  /// triangle before it that has the edge, or 0xff.
-  __device__ void find_corners(const ReadCluster& in, uint32_t triangles, uint32_t lane) {
-    __syncwarp();
-    for (uint32_t i = lane; i < triangles; i += kWarpLanes) {
-      const uint32_t m = memory_.largest[i];
-      const uint32_t a = m - (in.distances[i] & 0xff);
-      const uint32_t b = m - (in.distances[i] >> 8);
-      const bool is_proper = a != b && a != m && b != m;
-      memory_.corners[i] = is_proper ? min_of(a, b) | max_of(a, b) << 8 : kNothing;
-      if (i == 0 || memory_.largest[i - 1] != m) memory_.begins[m] = static_cast<uint8_t>(i);
-      if (!is_proper) continue;
-      list_edge(i, edge_of(a, b), m);
-      list_edge(kMost + i, edge_of(m, a), b);
-      list_edge(2 * kMost + i, edge_of(m, b), a);
-    }
-    __syncwarp();
-    for (uint32_t i = lane; i < triangles; i += kWarpLanes) {
-      const uint32_t corner = memory_.corners[i];
-      if (corner != kNothing) memory_.corners[i] = corner | across(i, edge_of(corner & 0xff, corner >> 8)) << 16;
-    }
-    __syncwarp();
-  }
-
-  __device__ void list_edge(uint32_t number, uint32_t edge, uint32_t opposite) {
-    const uint32_t next = atomicExch(&memory_.lists[list_of(edge)], number);
-    memory_.edges[number] = edge | opposite << 14 | next << 21;
-  }
-
-  /// The vertex opposite to `edge` in the last triangle before `triangle` that has it, or 0xff.
-  __device__ uint32_t across(uint32_t triangle, uint32_t edge) const {
-    constexpr uint32_t kEnd = kNothing << 21;
-    uint32_t found = 0xff;
-    uint32_t last = 0;  // one more than the triangle of `found`
-    for (uint32_t next = memory_.lists[list_of(edge)]; next << 21 != kEnd;) {
-      const uint32_t of = next % kMost;
-      const uint32_t here = memory_.edges[next];
-      if ((here & 0x3fff) == edge && of < triangle && of >= last) {
-        last = of + 1;
-        found = here >> 14 & 127;
+  /// Finds the vertices of all triangles, one after the other; by one lane.
+  __device__ void connect(uint32_t triangles) {
+    uint32_t last = 0;
+    for (uint32_t i = 0; i < triangles; ++i) {
+      const uint32_t gate = memory_.gates[i];
+      const uint32_t largest = memory_.largest[i];
+      uint32_t corner;
+      if (gate >= kExplicitGate) {
+        corner = memory_.corners[i];
+      } else {
+        const uint32_t a = gate != 0 ? largest - gate : last;
+        corner = a | uint32_t{memory_.links[a]} << 8;
+        memory_.corners[i] = corner;
       }
-      next = here >> 21;
+      const uint32_t a = corner & 0xff;
+      const uint32_t b = corner >> 8 & 0xff;
+      memory_.links[a] = static_cast<uint16_t>(largest | b << 8);
+      memory_.links[largest] = static_cast<uint16_t>(b | a << 8);
+      last = b;
     }
-    return found;
+  }
+
+  /// Writes the distances of the triangles, and lists the triangles of each largest vertex. Returns whether the
+  /// distances of the lane's triangles have at most `bits`.
+  __device__ bool put_distances(ReadCluster& out, uint32_t triangles, uint32_t bits, uint32_t lane) {
+    bool good = true;
+    for (uint32_t i = lane; i < triangles; i += kWarpLanes) {
+      const uint32_t largest = memory_.largest[i];
+      const uint32_t corner = memory_.corners[i];
+      const uint32_t back_a = largest - (corner & 0xff);
+      const uint32_t back_b = largest - (corner >> 8 & 0xff);
+      good &= (back_a | back_b) >> bits == 0;
+      out.distances[i] = static_cast<uint16_t>(back_a | back_b << 8);
+      if (back_a == 0 || back_b == 0) memory_.corners[i] = kNothing;
+      if (i == 0 || memory_.largest[i - 1] != largest) memory_.begins[largest] = static_cast<uint8_t>(i);
+    }
+    __syncwarp();
+    return good;
   }
 
   /// The corners of a vertex after the first that has a residual, as VertexPredictor finds them.
   __device__ Corners corners_of(uint32_t vertex, uint32_t triangles) const {
-    uint32_t first = thrice(vertex - 1);  // the vertex completes no triangle
+    const uint32_t begin = memory_.begins[vertex];
+    uint32_t first = begin != 0xff ? memory_.corners[begin] : kNothing;
+    if (first == kNothing) first = (vertex - 1) * 0x0101 | kNoVertex << 16;
     uint32_t second = first;
-    uint32_t found = 0;
-    for (uint32_t i = memory_.begins[vertex]; i < triangles && memory_.largest[i] == vertex && found < 2; ++i) {
-      const uint32_t corner = memory_.corners[i];
-      if (corner == kNothing) continue;
-      if (corner >> 16 < vertex) {
-        if (found++ == 0) first = corner;
-        second = corner;
-      } else if (found == 0) {  // the middle of the edge
-        first = thrice(corner & 0xff);
-        second = thrice(corner >> 8 & 0xff);
-      }
-    }
-    return {first, second};
+    if (begin + 1 < triangles && memory_.largest[begin + 1] == vertex && memory_.corners[begin + 1] != kNothing)
+      second = memory_.corners[begin + 1];
+    const bool has_first = first >> 16 < vertex;
+    const bool has_second = second >> 16 < vertex;
+    return {has_first    ? first
+            : has_second ? second
+                         : thrice(second & 0xff),
+            has_second  ? second
+            : has_first ? first
+                        : thrice(second >> 8 & 0xff)};
   }
 
-  /// Returns whether the vertices to which the lane's vertices refer exist.
-  __device__ bool read_vertices(ReadCluster& out, const uint32_t* places, uint32_t triangles, uint32_t vertices,
+  /// Returns whether the vertices to which the lane's vertices refer exist. `fresh`: whether a vertex has a residual.
+  __device__ bool read_vertices(ReadCluster& out, const uint32_t* fresh, uint32_t triangles, uint32_t vertices,
                                 uint32_t lane) {
-    // Everything is requested before the first use.
-    uint32_t far[kRounds];
+    const uint32_t before = (1u << lane) - 1;
+    uint32_t references[kRounds];
+    uint32_t high[kRounds];
     uint32_t values[kRounds][3];
 #pragma unroll
-    for (uint32_t k = 0; k < kRounds; ++k) {
-      const bool is_new = places[k] == 0;
-      const bool is_far = places[k] == kFarPlace;
+    for (uint32_t k = 0; k < kRounds; ++k) {  // requests everything before the first use
+      const bool is_new = fresh[k] != 0;
+      const bool is_old = !is_new && k * kWarpLanes + lane < vertices;
       const uint32_t new_lanes = __ballot_sync(~0u, is_new);
+      const uint32_t old_lanes = __ballot_sync(~0u, is_old);
+      references[k] = is_old ? byte_at(split_ + next_[kReferences] + count_bits(old_lanes & before)) : 0;
+      const uint32_t number = next_[kLow] + count_bits(new_lanes & before);
+      for (uint32_t axis = 0; axis < 3; ++axis)
+        values[k][axis] = is_new ? byte_at(split_ + planes_.low + uint64_t{axis} * planes_.residual_count + number) : 0;
+      high[k] = is_new && planes_.high != 0 ? byte_at(split_ + planes_.high + number) : 0;
+      next_[kReferences] += count_bits(old_lanes);
+      next_[kLow] += count_bits(new_lanes);
+    }
+    uint32_t far[kRounds];
+#pragma unroll
+    for (uint32_t k = 0; k < kRounds; ++k) {
+      const bool is_far = references[k] == kFarReference;
       const uint32_t far_lanes = __ballot_sync(~0u, is_far);
-      const uint32_t before = (1u << lane) - 1;
-      far[k] = is_far ? word_at(next_[kFar] + 2 * count_bits(far_lanes & before), 2) : 0;
-      read_residual(next_[kResiduals] + count_bits(new_lanes & before), is_new, values[k]);
-      next_[kFar] += 2 * count_bits(far_lanes);
-      next_[kResiduals] += count_bits(new_lanes);
+      const std::byte* const far_at = split_ + planes_.far + next_[kFar] + count_bits(far_lanes & before);
+      far[k] = is_far ? byte_at(far_at) | byte_at(far_at + planes_.far_count) << 8 : 0;
+      next_[kFar] += count_bits(far_lanes);
+      if (planes_.high != 0) add_high(high[k], values[k], before);
     }
     bool good = true;
 #pragma unroll
     for (uint32_t k = 0; k < kRounds; ++k) {
       const uint32_t v = k * kWarpLanes + lane;
       const uint32_t number = first_vertex_ + v;
-      const bool is_new = places[k] == 0;
-      const bool is_far = places[k] == kFarPlace;
-      const uint32_t step = is_new ? 0 : unzigzag(places[k] - 1);
+      const bool is_new = fresh[k] != 0;
+      const bool is_far = references[k] == kFarReference;
+      const uint32_t step = unzigzag(references[k]);
       const uint32_t named = sum_steps(is_far ? number - far[k] : lane == 0 ? named_ + step : step, is_far, lane);
       named_ = __shfl_sync(~0u, named, kWarpLanes - 1);
       if (v >= vertices) continue;
@@ -327,14 +316,22 @@ class Reader {
     return sum;
   }
 
-  /// The codes of a residual, or 0 where it is not `there`.
-  __device__ void read_residual(uint32_t number, bool there, uint32_t codes[3]) const {
+  /// Adds the high bits to the codes of each lane's residual. `before`: a bit per lane before this one.
+  __device__ void add_high(uint32_t high, uint32_t codes[3], uint32_t before) {
+    uint32_t lanes[3];  // with a tall code
+    for (uint32_t axis = 0; axis < 3; ++axis) lanes[axis] = __ballot_sync(~0u, (high >> 2 * axis & 3) == kTallCode);
+    uint32_t number = next_[kTall];
+    for (const uint32_t tall : lanes) number += count_bits(tall & before);
     for (uint32_t axis = 0; axis < 3; ++axis) {
-      const std::byte* at = split_ + residuals_ + uint64_t{axis} * residual_count_ + number;
-      codes[axis] = 0;
-      for (uint32_t plane = 0; plane < kMaxPlanes; ++plane, at += uint64_t{3} * residual_count_)
-        if (there && plane < planes_) codes[axis] |= byte_at(at) << 8 * plane;
+      uint32_t rest = high >> 2 * axis & 3;
+      if (rest == kTallCode) {
+        const std::byte* const at = split_ + planes_.tall + number++;
+        rest = byte_at(at);
+        if (planes_.tall_bytes > 1) rest |= byte_at(at + planes_.tall_count) << 8;
+      }
+      codes[axis] |= rest << 8;
     }
+    for (const uint32_t tall : lanes) next_[kTall] += count_bits(tall);
   }
 
   /// How often a corner's sum has a vertex; modulo 2^32.
@@ -345,9 +342,7 @@ class Reader {
 
   const std::byte* split_;
   ReaderMemory& memory_;
-  uint32_t planes_;
-  uint32_t residual_count_;
-  uint32_t residuals_;         // offset of the stream in the page
+  format::split_streams::StreamPlanes planes_;
   uint32_t next_[kStreams];    // as SplitPart::first, of the next cluster
   uint32_t counts_[3];         // triangles less one, vertices less one and form of the next cluster
   uint32_t first_vertex_ = 0;  // of the next cluster, in the part

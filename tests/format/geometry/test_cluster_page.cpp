@@ -26,9 +26,30 @@ namespace {
 
 using Bytes = std::vector<std::byte>;
 
-constexpr size_t kHeaderBytes = 48;
+constexpr size_t kHeaderBytes = 60;
 
-/// Bytes of a stream, numbered in the order of spec/codecs.md.
+// The streams in the order of spec/codecs.md.
+struct In {
+  enum Stream : size_t {
+    kParts,
+    kTriangles,
+    kVertices,
+    kForms,
+    kSlopes,
+    kGates,
+    kDistances,
+    kFresh,
+    kReferences,
+    kFar,
+    kLow,
+    kHigh,
+    kTall,
+    kPlain,
+    kStreams
+  };
+};
+
+/// Bytes of a stream.
 size_t stream_bytes(const Bytes& split, size_t stream) {
   return load<uint32_t>(split.data() + 4 * (1 + stream));
 }
@@ -66,7 +87,7 @@ struct Values {
   std::vector<size_t> at;  // of each stream
 
   explicit Values(const Bytes& bytes) : split(bytes) {
-    for (size_t stream = 0; stream < 11; ++stream) at.push_back(stream_begin(bytes, stream));
+    for (size_t stream = 0; stream < In::kStreams; ++stream) at.push_back(stream_begin(bytes, stream));
   }
   template <class T = uint8_t>
   T next(size_t stream) {
@@ -81,75 +102,94 @@ std::vector<Point> positions_of(const Bytes& split) {
   const auto unzigzag = [](int64_t z) { return z % 2 == 0 ? z / 2 : -(z + 1) / 2; };
   const auto modulo = [](int64_t value) { return value & 0xffffff; };
   Values in(split);
-  const size_t planes = load<uint32_t>(split.data());
-  const size_t residuals = stream_bytes(split, 9) / (3 * planes);
+  const size_t tall_bytes = load<uint32_t>(split.data());
+  const size_t residuals = stream_bytes(split, In::kLow) / 3;
+  const size_t tall_codes = stream_bytes(split, In::kTall) / tall_bytes;
+  const auto byte_at = [&](size_t at) { return std::to_integer<int64_t>(split.at(at)); };
   size_t residual = 0;
+  const auto next_residual = [&] {
+    Point values;
+    const int64_t high = stream_bytes(split, In::kHigh) == 0 ? 0 : in.next(In::kHigh);
+    for (size_t axis = 0; axis < 3; ++axis) {
+      int64_t rest = high >> 2 * axis & 3;
+      if (rest == 3) {
+        rest = byte_at(in.at[In::kTall]) + (tall_bytes == 2 ? byte_at(in.at[In::kTall] + tall_codes) * 256 : 0);
+        ++in.at[In::kTall];
+      }
+      values[axis] = unzigzag(byte_at(in.at[In::kLow] + axis * residuals + residual) + rest * 256);
+    }
+    ++residual;
+    return values;
+  };
+  const auto next_far = [&] {
+    const size_t low = in.at[In::kFar]++;
+    return byte_at(low) + 256 * byte_at(low + stream_bytes(split, In::kFar) / 2);
+  };
   std::vector<Point> all;
   int64_t named = 0;
   Point first{};
-  for (auto clusters = in.next<uint32_t>(0); clusters != 0; --clusters) {
-    const int triangles = in.next(1) + 1, vertices = in.next(2) + 1, form = in.next(3);
-    const size_t steps = in.at[5];
-    const size_t step_bytes = (static_cast<size_t>(triangles) + 7) / 8;
-    in.at[5] += step_bytes * ((form & 8) != 0 ? 2 : 1);
-    const auto step = [&](int i, size_t half) {
-      return std::to_integer<int>(split[steps + half * step_bytes + static_cast<size_t>(i) / 8]) >> i % 8 & 1;
-    };
-    std::map<std::pair<int, int>, int> across;
+  for (auto clusters = in.next<uint32_t>(In::kParts); clusters != 0; --clusters) {
+    const int triangles = in.next(In::kTriangles) + 1, vertices = in.next(In::kVertices) + 1;
+    in.next(In::kForms);
+    const size_t fresh = in.at[In::kFresh];
+    in.at[In::kFresh] += (static_cast<size_t>(vertices) + 7) / 8;
     std::vector<Point> at;
     Point expected = first;
     int found = 0;
     const auto place_to = [&](int end) {
-      while (static_cast<int>(at.size()) < end) {
-        const int place = in.next(7);
+      for (; static_cast<int>(at.size()) < end; found = 0) {
         Point q{};
-        if (place == 0) {
-          for (size_t axis = 0; axis < 3; ++axis) {
-            int64_t code = 0;
-            for (size_t plane = 0; plane < planes; ++plane)
-              code += std::to_integer<int64_t>(split[in.at[9] + (3 * plane + axis) * residuals + residual])
-                      << 8 * plane;
-            q[axis] = modulo(expected[axis] + unzigzag(code));
-          }
-          ++residual;
+        if ((byte_at(fresh + at.size() / 8) >> at.size() % 8 & 1) != 0) {
+          const Point values = next_residual();
+          for (size_t axis = 0; axis < 3; ++axis) q[axis] = modulo(expected[axis] + values[axis]);
         } else {
-          named = place == 255 ? static_cast<int64_t>(all.size()) - in.next<uint16_t>(8) : named + unzigzag(place - 1);
+          const int64_t reference = in.next(In::kReferences);
+          named = reference == 255 ? static_cast<int64_t>(all.size()) - next_far() : named + unzigzag(reference);
           q = all.at(static_cast<size_t>(named));
         }
         all.push_back(q);
         at.push_back(q);
         expected = q;
-        found = 0;
       }
     };
-    int m = 2;
+    std::map<int, int> next = {{0, 1}}, across;
+    int m = 2, a = 0, b = 0, k = -1;  // k: earlier triangles with the same m
     for (int i = 0; i < triangles; ++i) {
-      m += step(i, 0) + ((form & 8) != 0 ? 2 * step(i, 1) : 0);
-      const int pair = in.next(6);
-      const int a = m - ((form & 7) <= 4 ? pair % 16 : pair);
-      const int b = m - ((form & 7) <= 4 ? pair / 16 : in.next(6));
-      place_to(m);
-      if (m == a || m == b || a == b) continue;
-      const auto edge = [](int from, int to) { return std::pair{std::min(from, to), std::max(from, to)}; };
-      const auto other = across.find(edge(a, b));
-      const auto corner = [&](auto&& of) {
-        Point point;
-        for (size_t axis = 0; axis < 3; ++axis) point[axis] = of(axis);
-        return point;
-      };
-      const Point from = at[static_cast<size_t>(a)], to = at[static_cast<size_t>(b)];
-      if (other != across.end() && other->second < m) {
-        const Point over = at[static_cast<size_t>(other->second)];
-        const Point here = corner([&](size_t axis) { return from[axis] + to[axis] - over[axis]; });
-        if (found < 2)
-          expected = found == 0 ? here : corner([&](size_t axis) { return (expected[axis] + here[axis]) >> 1; });
-        ++found;
-      } else if (found == 0) {
-        expected = corner([&](size_t axis) { return (from[axis] + to[axis]) >> 1; });
+      const int gate = in.next(In::kGates);
+      k = gate == 0 || gate == 128 ? k + 1 : 0;
+      std::optional<int> w;
+      if (gate >= 128) {
+        m += gate - 128;
+        a = m - in.next(In::kDistances);
+        b = m - in.next(In::kDistances);
+      } else {
+        m += gate != 0 ? 1 : 0;
+        a = gate != 0 ? m - gate : b;
+        b = next[a];
+        if (across.contains(a)) w = across[a];
       }
-      across[edge(a, b)] = m;
-      across[edge(m, a)] = b;
-      across[edge(m, b)] = a;
+      place_to(m);
+      if (k < 2 && a < m && b < m) {
+        const auto each = [&](auto&& of) {
+          Point point;
+          for (size_t axis = 0; axis < 3; ++axis) point[axis] = of(axis);
+          return point;
+        };
+        const Point from = at.at(static_cast<size_t>(a)), to = at.at(static_cast<size_t>(b));
+        if (w && *w < m) {
+          const Point over = at.at(static_cast<size_t>(*w));
+          const Point corner = each([&](size_t axis) { return from[axis] + to[axis] - over[axis]; });
+          if (found == 0) expected = corner;
+          if (found != 0) expected = each([&](size_t axis) { return (expected[axis] + corner[axis]) >> 1; });
+          ++found;
+        } else if (found == 0) {
+          expected = each([&](size_t axis) { return (from[axis] + to[axis]) >> 1; });
+        }
+      }
+      next[a] = m;
+      across[a] = b;
+      next[m] = b;
+      across[m] = a;
     }
     place_to(vertices);
     first = at[0];
@@ -251,38 +291,39 @@ TEST_CASE("bytes between clusters stay unchanged", "[cluster_page]") {
   add(second);
   add(first);
   const SplitPage split = check_split(page, clusters);
-  CHECK(stream_bytes(split.bytes, 0) == 4 * 8);  // the part before the first, and three more
-  CHECK(stream_bytes(split.bytes, 10) == 64 + 160);
+  CHECK(stream_bytes(split.bytes, In::kParts) == 4 * 8);  // the part before the first, and three more
+  CHECK(stream_bytes(split.bytes, In::kPlain) == 64 + 160);
   add_plain(48);
-  CHECK(stream_bytes(check_split(page, clusters).bytes, 10) == 64 + 160 + 48);
+  CHECK(stream_bytes(check_split(page, clusters).bytes, In::kPlain) == 64 + 160 + 48);
 }
 
 TEST_CASE("references go back 65535 vertices and no further", "[cluster_page]") {
-  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow it
-  CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, 8) == 0);
+  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, In::kFar) == 2);  // the other two vertices follow it
+  CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, In::kFar) == 0);
 }
 
 TEST_CASE("references also work after more vertices than are kept", "[cluster_page]") {
   // More vertices than are kept at a time, so that the oldest ones are dropped on the way.
-  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21845)).bytes, 8) == 2);
-  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21846)).bytes, 8) == 0);
+  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21845)).bytes, In::kFar) == 2);
+  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21846)).bytes, In::kFar) == 0);
 }
 
 TEST_CASE("joined positions equal the spec's", "[cluster_page]") {
   std::mt19937 random(11);
   std::vector<List> lists = {grid_list(12, 3000, 200), grid_list(40, 11, 3), grid_list(9, 1800000, 1700000)};
-  for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // some degenerate
+  for (const uint32_t vertices : {40u, 70u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // some degenerate
   for (const List& list : lists) {
     const ClusteredChunk chunk = encode(list);
     SplitPage split = check_split(chunk.payload, {{0, chunk.record.cluster_count}});
     CHECK(joined_positions(split.bytes, chunk) == positions_of(split.bytes));
-    // Changes triangles, places and residuals, and checks the pages that can still be joined.
+    // Changes triangles, references and residuals, and checks the pages that can still be joined.
     size_t joined = 0;
     for (int i = 0; i < 1000; ++i) {
       Bytes changed = split.bytes;
-      for (size_t stream : {size_t{5}, size_t{6}, size_t{7}, size_t{9}}) {
+      for (const In::Stream stream :
+           {In::kGates, In::kDistances, In::kFresh, In::kReferences, In::kLow, In::kHigh, In::kTall}) {
         const size_t bytes = stream_bytes(changed, stream);
-        if (bytes != 0 && random() % 2 == 0)
+        if (bytes != 0 && random() % 4 == 0)
           changed[stream_begin(changed, stream) + random() % bytes] = static_cast<std::byte>(random());
       }
       const auto points = joined_positions(changed, chunk);
@@ -355,21 +396,28 @@ TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
     return join(changed, page.size());
   };
   const auto in = [&](size_t stream) { return stream_begin(split, stream); };
-  CHECK(with(0, 0) == "range: split page: residuals of 0 bytes, expected 1 to 3");
-  CHECK(with(0, 4) == "range: split page: residuals of 4 bytes, expected 1 to 3");
+  CHECK(with(0, 0) == "range: split page: tall codes of 0 bytes, expected 1 or 2");
+  CHECK(with(0, 3) == "range: split page: tall codes of 3 bytes, expected 1 or 2");
   CHECK(with(7, 255) == "truncated: split page: its parts end early");
   Bytes another = split;
-  another[in(0)] = static_cast<std::byte>(chunk.record.cluster_count + 1);
+  another[in(In::kParts)] = static_cast<std::byte>(chunk.record.cluster_count + 1);
   CHECK(join(another, page.size() + 64) == "truncated: split page: its triangles end early");
-  CHECK(with(in(0) + 3, 200).starts_with("trailing: split page: it makes more than the page's"));
-  CHECK(with(in(0) + 4, 1) == "truncated: split page: its plain end early");
-  CHECK(with(in(1), 128) == "range: split page: more than 128 triangles or vertices of a cluster");
-  CHECK(with(in(2), 255) == "range: split page: more than 128 triangles or vertices of a cluster");
-  CHECK(with(in(2), 4) == "range: split page: a triangle with vertices that its cluster lacks");
-  CHECK(with(in(3), 64) == "reserved: split page: a reserved bit of a form is set");
-  CHECK(with(in(6), 255) == "range: split page: a triangle with vertices that its cluster lacks");
-  CHECK(with(in(7), 1) == "range: split page: a missing vertex, or too few residuals");
-  CHECK(with(in(7), 255) == "range: split page: a missing vertex, or too few residuals");
+  CHECK(with(in(In::kParts) + 3, 200).starts_with("trailing: split page: it makes more than the page's"));
+  CHECK(with(in(In::kParts) + 4, 1) == "truncated: split page: its plain end early");
+  CHECK(with(in(In::kTriangles), 128) == "range: split page: more than 128 triangles or vertices of a cluster");
+  CHECK(with(in(In::kVertices), 255) == "range: split page: more than 128 triangles or vertices of a cluster");
+  CHECK(with(in(In::kVertices), 4) == "range: split page: a triangle with vertices that its cluster lacks");
+  CHECK(with(in(In::kForms), 64) == "reserved: split page: a reserved bit of a form is set");
+  CHECK(with(in(In::kGates), 132) == "reserved: split page: a reserved bit of a gate is set");
+  CHECK(with(in(In::kGates), 127) == "range: split page: a triangle with vertices that its cluster lacks");
+  const size_t last_fresh = in(In::kReferences)-1;
+  REQUIRE((split[last_fresh] & std::byte{128}) == std::byte{});
+  CHECK(with(last_fresh, 128) == "reserved: split page: a fresh bit after the last vertex is set");
+  REQUIRE(split[in(In::kFresh)] == std::byte{255});
+  CHECK(with(in(In::kFresh), 254) == "range: split page: a missing vertex");
+  CHECK(with(in(In::kReferences), 255).ends_with(": split page: a missing vertex"));
+  CHECK(with(in(In::kHigh), 64) == "reserved: split page: a reserved bit of a residual is set");
+  CHECK(with(in(In::kHigh), 63) == "truncated: split page: its tall bytes end early");
   const auto moved = [&](size_t grown, size_t shrunk, size_t bytes) {  // moves bytes from the end of one stream to
                                                                        // another's
     Bytes changed = split;
@@ -377,9 +425,11 @@ TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
     store(changed.data() + 4 * (1 + shrunk), static_cast<uint32_t>(stream_bytes(split, shrunk) - bytes));
     return join(changed, page.size());
   };
-  CHECK(moved(10, 9, 1) == "trailing: split page: part of a residual");
-  CHECK(moved(10, 9, 3 * load<uint32_t>(split.data())) == "range: split page: a missing vertex, or too few residuals");
-  CHECK(moved(1, 0, 4) == "truncated: split page: half a part");
+  CHECK(moved(In::kPlain, In::kLow, 1) == "trailing: split page: part of a residual");
+  CHECK(moved(In::kPlain, In::kHigh, 1).starts_with("range: split page: high bits of "));
+  CHECK(moved(In::kFar, In::kLow, 3) == "trailing: split page: part of a far distance");
+  CHECK(moved(In::kLow, In::kReferences, 3).starts_with("range: split page: high bits of "));
+  CHECK(moved(In::kTriangles, In::kParts, 4) == "truncated: split page: half a part");
 }
 
 }  // namespace
