@@ -59,7 +59,8 @@ constexpr Job kReaders[] = {
     {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --force --quiet --threads 2"},
     {"out.gltf+out.bin+out_jpeg.jpg+out_png.png", "export in.scree -o out.gltf --quiet --threads 1"},
     {"", "compare in.scree in.gltf --size 24x16 --threads 1"},
-    {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --force --flip flip.png --threads 2"},
+    // PNGs by one thread: in one of a thousand runs with two, ISA-L gives other bytes of the same picture.
+    {"out.png,flip.png", "compare in.scree in.gltf --size 24x16 -o out.png --force --flip flip.png --threads 1"},
     {"out.png", "compare a.vis b.vis --of in.scree --size 24x16 -o out.png --force --threads 1"},
     {"out.png", "compare a.vis b.vis --of in.scree --of coarse.scree --size 24x16 -o out.png --force --threads 1"},
     {"out.png", "compare a.png b.png -o out.png --force --threads 1"},
@@ -67,9 +68,9 @@ constexpr Job kReaders[] = {
     {"out.png,out.pfm,normals.pfm,uvs.pfm,out.bin",
      "render in.scree --force -o out.png --depth out.pfm --normals normals.pfm --uvs uvs.pfm --visbuffer out.bin "
      "--size 24x16 --ssao --pick 12,8 --backend cpu --quiet --threads 1"},
-    {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
+    {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 1"},
     // The pool has room for one of two pages, which threads read.
-    {"out.png",
+    {"~out.png",
      "render blocks.scree --force -o out.png --size 200x120 --texture-memory 30KiB --backend cpu --quiet --threads 2"},
 };
 #if defined(SCREE_HAS_EXR)
