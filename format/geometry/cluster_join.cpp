@@ -71,6 +71,28 @@ class Cursor {
   uint64_t left_;
 };
 
+/// Reads values that are apart, byte by byte: the low bytes of all, then the high bytes if values have two.
+class PlaneCursor {
+ public:
+  PlaneCursor() = default;
+  PlaneCursor(std::span<const std::byte> bytes, uint32_t bytes_each)
+      : bytes_(bytes.data()), count_(bytes.size() / bytes_each), has_high_(bytes_each > 1) {}
+
+  uint64_t left() const { return count_ - next_; }
+  /// The next value; one must be left.
+  uint32_t take() {
+    const std::byte* const at = bytes_ + next_++;
+    const auto low = std::to_integer<uint32_t>(at[0]);
+    return has_high_ ? low | std::to_integer<uint32_t>(at[count_]) << 8 : low;
+  }
+
+ private:
+  const std::byte* bytes_ = nullptr;
+  uint64_t count_ = 0;
+  uint64_t next_ = 0;
+  bool has_high_ = false;
+};
+
 class Joiner {
  public:
   Joiner(std::span<std::byte> page, SplitMemory& memory) : page_(page), memory_(memory) {}
@@ -95,8 +117,8 @@ class Joiner {
     }
     for (uint32_t i = 0; i < kStreams; ++i) {
       const uint64_t left = i == kLow    ? residual_count_ - residual_
-                            : i == kTall ? tall_count_ - next_tall_
-                            : i == kFar  ? far_count_ - next_far_
+                            : i == kTall ? tall_.left()
+                            : i == kFar  ? far_.left()
                                          : in_[i].left();
       if (left != 0) return Error{kTrailing, std::string("bytes of ") + kNames[i] + " are left over"};
     }
@@ -110,11 +132,8 @@ class Joiner {
     residual_count_ = streams.residual_count();
     low_ = streams.bytes[kLow].data();
     has_high_ = !streams.bytes[kHigh].empty();
-    tall_ = streams.bytes[kTall].data();
-    tall_count_ = streams.tall_count();
-    tall_bytes_ = streams.tall_bytes;
-    far_ = streams.bytes[kFar].data();
-    far_count_ = streams.far_count();
+    tall_ = PlaneCursor(streams.bytes[kTall], streams.tall_bytes);
+    far_ = PlaneCursor(streams.bytes[kFar], 2);
     return {};
   }
 
@@ -186,9 +205,7 @@ class Joiner {
     const uint32_t count = cluster_.triangle_count;
     const std::byte* const gates = in_[kGates].take(count);
     if (gates == nullptr) return ends(kGates);
-    uint8_t largest_gate = 0;
-    for (uint32_t i = 0; i < count; ++i) largest_gate = std::max(largest_gate, std::to_integer<uint8_t>(gates[i]));
-    if (largest_gate >= kExplicitGate + 4) return Error{kReserved, "a reserved bit of a gate is set"};
+    if (largest_of({gates, count}) >= kExplicitGate + 4) return Error{kReserved, "a reserved bit of a gate is set"};
     const std::byte* const distances = in_[kDistances].take(distances_of({gates, count}));
     if (distances == nullptr) return ends(kDistances);
     if (!read_triangles({{gates, count}, distances, cluster_.distance_bits, cluster_.wide_steps}, cluster_.vertex_count,
@@ -236,15 +253,10 @@ class Joiner {
   bool place_vertices(OffsetBox& box) {
     const uint32_t count = cluster_.vertex_count;
     const Places places = read_places();
-    if (places.far_count > far_count_ - next_far_) return false;
+    if (places.far_count > far_.left()) return false;
     std::array<uint16_t, kMaxClusterVertices + 1> far_backs;
-    for (uint32_t i = 0; i < places.far_count; ++i) {
-      const std::byte* const at = far_ + next_far_ + i;
-      far_backs[i] =
-          static_cast<uint16_t>(std::to_integer<uint32_t>(at[0]) | std::to_integer<uint32_t>(at[far_count_]) << 8);
-    }
+    for (uint32_t i = 0; i < places.far_count; ++i) far_backs[i] = static_cast<uint16_t>(far_.take());
     far_backs[places.far_count] = 0;  // read, but not used
-    next_far_ += places.far_count;
 
     RecentVertices& recent = memory_.recent;
     const VertexPredictor& predictor = memory_.predictor;
@@ -356,25 +368,20 @@ class Joiner {
     const uint32_t count = cluster_.fresh_count;
     for (uint32_t axis = 0; axis < 3; ++axis)
       for (uint32_t i = 0; i < count; ++i) codes[axis][i] |= (std::to_integer<uint32_t>(high[i]) >> 2 * axis & 3) << 8;
-    uint8_t all = 0;
     std::array<uint8_t, kMaxClusterVertices + 1> with_tall;  // residuals with a tall code
     uint32_t with_tall_count = 0;
     for (uint32_t i = 0; i < count; ++i) {
       const auto bits = std::to_integer<uint8_t>(high[i]);
-      all |= bits;
       with_tall[with_tall_count] = static_cast<uint8_t>(i);
       with_tall_count += (bits & bits >> 1 & 0x15) != 0 ? 1 : 0;
     }
-    if (all >> 6 != 0) return Error{kReserved, "a reserved bit of a residual is set"};
+    if (largest_of({high, count}) >> 6 != 0) return Error{kReserved, "a reserved bit of a residual is set"};
     for (uint32_t i = 0; i < with_tall_count; ++i) {
       const uint32_t residual = with_tall[i];
       for (uint32_t axis = 0; axis < 3; ++axis) {
         if ((std::to_integer<uint32_t>(high[residual]) >> 2 * axis & 3) != kTallCode) continue;
-        if (next_tall_ == tall_count_) return ends(kTall);
-        uint32_t rest = std::to_integer<uint32_t>(tall_[next_tall_]);
-        if (tall_bytes_ > 1) rest |= std::to_integer<uint32_t>(tall_[tall_count_ + next_tall_]) << 8;
-        codes[axis][residual] = (codes[axis][residual] & 0xff) | rest << 8;
-        ++next_tall_;
+        if (tall_.left() == 0) return ends(kTall);
+        codes[axis][residual] = (codes[axis][residual] & 0xff) | tall_.take() << 8;
       }
     }
     return {};
@@ -384,17 +391,15 @@ class Joiner {
   uint32_t* put_steps(uint32_t* words) {
     const uint32_t count = cluster_.triangle_count;
     std::array<uint8_t, kMaxClusterTriangles>& all_steps = cluster_.triangles.steps;
-    std::fill_n(all_steps.begin() + count, -count % 32, uint8_t{0});
+    std::fill_n(all_steps.begin() + count, -count % 8, uint8_t{0});
+    WordWriter writer(words);
     for (uint32_t bit = 0; bit < (cluster_.wide_steps ? 2u : 1u); ++bit) {
-      for (uint32_t i = 0; i < count; i += 32, ++words) {
-        *words = 0;
-        for (uint32_t byte = 0; byte < 4; ++byte) {  // moves bit `bit` of eight steps together
-          uint64_t steps;
-          std::memcpy(&steps, &all_steps[i + 8 * byte], sizeof steps);
-          steps = steps >> bit & 0x0101010101010101;
-          *words |= static_cast<uint32_t>(steps * 0x0102040810204080 >> 56) << 8 * byte;
-        }
+      for (uint32_t i = 0; i < count; i += 8) {
+        uint64_t eight;
+        std::memcpy(&eight, &all_steps[i], sizeof eight);
+        writer.put(gather_bits(eight, bit), std::min(count - i, 8u));
       }
+      words = writer.end_section();
     }
     return words;
   }
@@ -486,13 +491,8 @@ class Joiner {
   uint64_t residual_ = 0;        // the next one
   const std::byte* low_ = nullptr;
   bool has_high_ = false;
-  const std::byte* tall_ = nullptr;
-  uint64_t tall_count_ = 0;  // of the page
-  uint64_t next_tall_ = 0;
-  uint32_t tall_bytes_ = 1;
-  const std::byte* far_ = nullptr;
-  uint64_t far_count_ = 0;  // of the page
-  uint64_t next_far_ = 0;
+  PlaneCursor tall_;
+  PlaneCursor far_;
   ReadCluster cluster_{};
   Offsets* at_ = nullptr;  // the cluster's vertices
   uint32_t named_ = 0;     // the vertex referred to last, numbered in the part

@@ -339,8 +339,8 @@ void ClusterPacker::choose_numbering() {
 uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) const {
   WordWriter writer(words);
   for (uint32_t bit = 0; bit < (best_.wide_steps ? 2u : 1u); ++bit) {
-    for (uint32_t i = 0; i < triangle_count_; i += 8)  // moves bit `bit` of the bytes together
-      writer.put((best_.steps(i) >> bit & kEachByte) * 0x0102040810204080 >> 56, std::min(triangle_count_ - i, 8u));
+    for (uint32_t i = 0; i < triangle_count_; i += 8)
+      writer.put(gather_bits(best_.steps(i), bit), std::min(triangle_count_ - i, 8u));
     writer.end_section();
   }
   const uint32_t bits = best_.distance_bits;

@@ -25,12 +25,6 @@ uint64_t sum_over(std::span<const std::byte> bytes, const Count& count) {
   return sum;
 }
 
-uint8_t largest_of(std::span<const std::byte> bytes) {
-  uint8_t largest = 0;
-  for (const std::byte byte : bytes) largest = std::max(largest, std::to_integer<uint8_t>(byte));
-  return largest;
-}
-
 /// The ones of a byte, by shifts that the compiler can vectorise.
 constexpr uint8_t ones_of(uint8_t byte) {
   const auto pairs = static_cast<uint8_t>(byte - (byte >> 1 & 0x55));

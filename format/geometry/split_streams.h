@@ -1,6 +1,7 @@
 // The streams of a split page, and its parts, which can be joined side by side. Source: spec/codecs.md, split pages.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -90,6 +91,13 @@ struct SplitParts {
   StreamPlanes planes;
   std::vector<SplitPart> parts;
 };
+
+/// The largest of the bytes; 0 if there are none.
+inline uint8_t largest_of(std::span<const std::byte> bytes) {
+  uint8_t largest = 0;
+  for (const std::byte byte : bytes) largest = std::max(largest, std::to_integer<uint8_t>(byte));
+  return largest;
+}
 
 /// Finds the parts, by counting what their clusters take of each stream. nullopt: join_page() would refuse the page's
 /// streams or set bits that are reserved, or the page has 4 GiB or more. If it returns parts, the values of every

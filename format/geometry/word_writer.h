@@ -13,6 +13,11 @@ namespace scree::format {
 
 static_assert(std::endian::native == std::endian::little);
 
+/// Bit `bit` of each of eight bytes, side by side, that of the lowest byte first.
+constexpr uint64_t gather_bits(uint64_t eight, uint32_t bit) {
+  return (eight >> bit & 0x0101010101010101) * 0x0102040810204080 >> 56;
+}
+
 /// Most words of a cluster's data: a prediction, steps of two bits, distances of 7 bits and positions of 3 x 24 bits.
 inline constexpr uint32_t kMostClusterWords = 2 + 2 * kMaxClusterTriangles / 32 + 14 * kMaxClusterTriangles / 32 +
                                               3 * kMaxPositionBits * kMaxClusterVertices / 32;

@@ -59,8 +59,8 @@ struct ReaderMemory {
   uint8_t largest[kMost];  // vertex of each triangle
   uint8_t begins[kMost];   // the first triangle with that largest vertex, or 0xff
   uint16_t links[kMost];   // of each vertex: next() of OpenEdges in the low byte, across() in the high byte
-  // Of each triangle: its other vertices and the one on the other side of their edge, or kNoVertex. kNothing if it does
-  // not predict its largest vertex.
+  // Per triangle the other two vertices, and the vertex on the other side of their edge or kNoVertex; kNothing if the
+  // triangle does not predict its largest vertex.
   uint32_t corners[kMost];
 };
 
