@@ -9,14 +9,17 @@ namespace {
 
 using namespace joining;
 
-// Each warp of a block does one step for every cluster of a part: while one reads a cluster, the next places the
-// vertices of the cluster before, and the last writes the cluster before that.
-constexpr uint32_t kThreads = 3 * kWarpLanes;
+// Each warp of a block does one step for every cluster of a part. While one warp reads the triangles of a cluster, the
+// next reads the vertices of the cluster before, the next places those of the cluster before that, and the last writes
+// the cluster before that.
+constexpr uint32_t kWarps = 4;
+constexpr uint32_t kThreads = kWarps * kWarpLanes;
 
 struct BlockMemory {
-  ReadCluster read[3];
+  ReadTriangles triangles[kWarps];
+  ReadVertices vertices[2];
   PlacedCluster placed[2];
-  ReaderMemory reader;
+  TriangleMemory reader;
   uint32_t words[kMostWords];
   uint32_t is_bad[2];  // by the parity of the step
 };
@@ -47,11 +50,10 @@ class History {
   bool is_wide_;
 };
 
-/// Places the vertices of a cluster. `history`: of the part. `first_vertex`: number of
+/// Places the `vertices` vertices of a cluster. `history`: of the part. `first_vertex`: number of
 /// the cluster's first one in the part. `before`: the cluster before, or null.
-__device__ void place(ReadCluster& in, const PlacedCluster* before, History history, uint32_t first_vertex,
-                      PlacedCluster& out, uint32_t lane) {
-  const uint32_t vertices = in.vertex_count;
+__device__ void place(ReadVertices& in, uint32_t vertices, const PlacedCluster* before, History history,
+                      uint32_t first_vertex, PlacedCluster& out, uint32_t lane) {
   for (uint32_t axis = 0; axis < 3; ++axis) {
     for (uint32_t v = lane; v <= kZero; v += kWarpLanes) out.at[axis][v] = 0;
     if (lane == 0) out.at[axis][kFirst] = before != nullptr ? before->at[axis][0] : 0;
@@ -64,24 +66,31 @@ __device__ void place(ReadCluster& in, const PlacedCluster* before, History hist
   __syncwarp();
   if (lane < 3) {  // an axis each
     uint32_t* const at = out.at[lane];
-    const auto sum_of = [at](uint32_t corner) {
-      return at[corner & 0xff] + at[corner >> 8 & 0xff] - at[corner >> 16 & 0xff];
+    const auto sum_of = [at](const Corners& corners) {
+      const auto sum_of_one = [at](uint32_t corner) {
+        return at[corner & 0xff] + at[corner >> 8 & 0xff] - at[corner >> 16 & 0xff];
+      };
+      return sum_of_one(corners.first) + sum_of_one(corners.second);
     };
-    // The vertex just before counts as 0 in `sum`, so that the sum can be loaded before that vertex is placed.
+    // The vertex just before counts as 0 in `sum`, so that the sum can be loaded before that vertex is placed. The
+    // corners are loaded one vertex earlier still.
     Corners corners = in.corners[0];
-    uint32_t sum = sum_of(corners.first) + sum_of(corners.second);
+    Corners next = in.corners[1];
+    uint32_t sum = sum_of(corners);
     uint32_t last = 0;
     uint32_t smallest = kMostOffset;
     uint32_t largest = 0;
     for (uint32_t v = 0; v < vertices; ++v) {
-      const Corners next = in.corners[v + 1];
-      const uint32_t next_sum = sum_of(next.first) + sum_of(next.second);
+      const Corners after = in.corners[v + 2];
+      const uint32_t value = in.values[lane][v];
+      const uint32_t next_sum = sum_of(next);
       const uint32_t twice = sum + ((corners.first >> 24) - 2) * last;
-      last = (static_cast<uint32_t>(static_cast<int32_t>(twice) >> 1) + in.values[lane][v]) & kMostOffset;
+      last = (static_cast<uint32_t>(static_cast<int32_t>(twice) >> 1) + value) & kMostOffset;
       at[v] = last;
       smallest = min_of(smallest, last);
       largest = max_of(largest, last);
       corners = next;
+      next = after;
       sum = next_sum;
     }
     out.box.min[lane] = smallest;
@@ -123,23 +132,29 @@ __global__ void __launch_bounds__(kThreads) join_part(const __grid_constant__ Jo
   if (task.bytes != 0) return copy_bytes(arena + task.to, slot.bytes + task.from, task.bytes);
   const uint32_t warp = threadIdx.x / kWarpLanes;
   const uint32_t lane = threadIdx.x % kWarpLanes;
-  Reader reader(task, slot.bytes, block.reader);
+  TriangleReader triangles(task, slot.bytes, block.reader, lane);
+  VertexReader vertices(task, slot.bytes, lane);
   Writer writer(task, arena, block.words);
   const History history(slot.history + task.history, task.keeps_wide());
   uint32_t first_vertex = 0;
   if (threadIdx.x < 2) block.is_bad[threadIdx.x] = 0;
   __syncthreads();
-  for (uint32_t step = 0; step < task.cluster_count + 2; ++step) {
+  for (uint32_t step = 0; step < task.cluster_count + kWarps - 1; ++step) {
+    const uint32_t number = step - warp;  // of this warp's cluster
     bool is_good = true;
-    if (warp == 0 && step < task.cluster_count) {
-      is_good = reader.read(block.read[step % 3], lane);
-    } else if (warp == 1 && step >= 1 && step <= task.cluster_count) {
-      ReadCluster& cluster = block.read[(step - 1) % 3];
-      const PlacedCluster* const before = step >= 2 ? &block.placed[step % 2] : nullptr;
-      place(cluster, before, history, first_vertex, block.placed[(step - 1) % 2], lane);
-      first_vertex += cluster.vertex_count;
-    } else if (warp == 2 && step >= 2) {
-      is_good = writer.write(block.read[(step - 2) % 3], block.placed[step % 2], step - 2, lane);
+    if (number >= task.cluster_count) {
+      // The pipeline fills or drains.
+    } else if (warp == 0) {
+      is_good = triangles.read(block.triangles[number % kWarps]);
+    } else if (warp == 1) {
+      is_good = vertices.read(block.triangles[number % kWarps], block.vertices[number % 2]);
+    } else if (warp == 2) {
+      const uint32_t count = block.triangles[number % kWarps].vertex_count;
+      const PlacedCluster* const before = number != 0 ? &block.placed[(number - 1) % 2] : nullptr;
+      place(block.vertices[number % 2], count, before, history, first_vertex, block.placed[number % 2], lane);
+      first_vertex += count;
+    } else {
+      is_good = writer.write(block.triangles[number % kWarps], block.placed[number % 2], number, lane);
     }
     if (!is_good && lane == 0) block.is_bad[step % 2] = 1;
     __syncthreads();
@@ -148,7 +163,7 @@ __global__ void __launch_bounds__(kThreads) join_part(const __grid_constant__ Jo
       return;
     }
   }
-  if (warp == 2 && !writer.finish(lane) && lane == 0) *slot.failed = 1;
+  if (warp == kWarps - 1 && !writer.finish(lane) && lane == 0) *slot.failed = 1;
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // Joins split pages (format/geometry/cluster_page.h) on a GPU: the same bytes as join_page(), checked as
-// check_clusters() checks them. Parts are joined side by side, a block of three warps each; the clusters of a part
+// check_clusters() checks them. Parts are joined side by side, a block of four warps each; the clusters of a part
 // follow one another, because their vertices refer to earlier ones.
 #pragma once
 
@@ -24,7 +24,7 @@ struct JoinSlot {
 };
 
 /// The most slots of a launch.
-inline constexpr uint32_t kMostJoinSlots = 16;
+inline constexpr uint32_t kMostJoinSlots = 32;
 
 /// Queues the tasks of up to kMostJoinSlots slots on `stream`; their results are written to `arena`. Errors kDevice.
 Result<void> join_parts(std::span<const JoinSlot> slots, std::byte* arena, cudaStream_t stream);

@@ -3,7 +3,7 @@
 
 #include "format/bitpack.h"
 #include "format/geometry/offset_box.h"
-#include "kernels/cuda/join/join_reader.cuh"
+#include "kernels/cuda/join/join_vertices.cuh"
 
 namespace scree::kernels::joining {
 
@@ -36,7 +36,7 @@ class Writer {
   }
 
   /// Writes cluster `number`, if it is good, and returns whether it is.
-  __device__ bool write(const ReadCluster& in, const PlacedCluster& placed, uint32_t number, uint32_t lane) {
+  __device__ bool write(const ReadTriangles& in, const PlacedCluster& placed, uint32_t number, uint32_t lane) {
     const OffsetBox box = placed.box;
     uint32_t bits[3];
     for (uint32_t axis = 0; axis < 3; ++axis) {
@@ -101,7 +101,7 @@ class Writer {
  private:
   /// Computes the residuals of the predicted axis, their smallest one and the bits of their codes. Returns false if an
   /// axis takes too many bits.
-  __device__ static bool predict(const ReadCluster& in, const PlacedCluster& placed, uint32_t bits[3],
+  __device__ static bool predict(const ReadTriangles& in, const PlacedCluster& placed, uint32_t bits[3],
                                  uint32_t residuals[kRounds], uint32_t& bias, uint32_t lane) {
     const uint32_t u = in.axis == 2 ? 0 : in.axis + 1;
     const uint32_t v = u == 2 ? 0 : u + 1;
