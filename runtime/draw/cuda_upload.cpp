@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "format/bytes.h"
-#include "kernels/cuda/join/join.h"
 #include "kernels/shade/environment.h"
+#include "runtime/draw/page_joins.h"
 
 namespace scree::runtime {
 
@@ -23,28 +23,8 @@ using kernels::DeviceBuffer;
 
 namespace {
 
-/// Memory of a slot for joining split pages: on the device a copy of the slot, tasks and vertices; in pinned memory the
-/// tasks and whether they failed. Clusters take 4 bytes per vertex or more, and a task has rarely less than 1 KiB;
-/// other jobs are joined on the CPU.
-struct JoinSizes {
-  uint64_t slot_bytes;
-  uint64_t task_bytes;  // a multiple of 256
-  uint64_t history_bytes;
-
-  explicit JoinSizes(const StagingSizes& sizes)
-      : slot_bytes(sizes.slot_bytes),
-        task_bytes(sizes.slot_bytes / 16),
-        history_bytes(sizes.job_bytes() / 4 * 3 * sizeof(uint32_t)) {}
-
-  static constexpr uint64_t kFlagBytes = 256;
-  uint64_t pinned_bytes() const { return task_bytes + kFlagBytes; }
-  uint64_t device_bytes() const { return slot_bytes + task_bytes + history_bytes; }
-  JoinRoom room() const { return {task_bytes / sizeof(kernels::JoinTask), history_bytes / sizeof(uint32_t)}; }
-};
-
-/// The ring in pinned memory, with one event per slot. Copies are queued on a few streams, so that one copies while the
-/// next is set up. A join takes longer than a copy, and its pages are few blocks. So several slots are copied and
-/// joined together, and some such batches at the same time.
+/// The ring in pinned memory, with one event per slot. Copies are queued on two streams, so that one copies while the
+/// next is set up. Split pages have slots of their own.
 class PinnedRing final : public UploadTarget {
  public:
   PinnedRing() = default;
@@ -55,113 +35,50 @@ class PinnedRing final : public UploadTarget {
       if (stream != nullptr) (void)cudaStreamSynchronize(stream);
   }
 
-  Result<void> open(const StagingSizes& sizes, std::byte* arena) {
+  Result<void> open(const StagingSizes& sizes, const PageJoins::Sizes& joins, std::byte* arena) {
     slot_bytes_ = sizes.slot_bytes;
     arena_ = arena;
-    if (sizes.joins) join_sizes_.emplace(sizes);
     SCREE_TRY(cuda_check(cudaGetDevice(&device_), "asking for the current GPU"));
     SCREE_TRY(memory_.allocate_for_copies(sizes.bytes(), "allocating pinned memory"));
-    if (sizes.joins) SCREE_TRY(open_joins(sizes.slots));
-    streams_.resize(sizes.joins ? kJoinStreams : kCopyStreams);
     for (kernels::DeviceStream& stream : streams_) SCREE_TRY(stream.make(cudaStreamNonBlocking));
     copied_.resize(sizes.slots);
     for (kernels::DeviceEvent& event : copied_) SCREE_TRY(event.make(cudaEventDisableTiming | cudaEventBlockingSync));
-    return {};
+    if (!joins.any()) return {};
+    joins_.emplace();
+    SCREE_TRY(joins_->open(joins, device_, arena));
+    return joins_->begin(0, nullptr, nullptr);
   }
 
   std::byte* slot(uint32_t slot) override { return memory_.data() + slot * slot_bytes_; }
 
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
-    const cudaStream_t stream = streams_[slot % streams_.size()];
-    SCREE_TRY(send(arena_ + to, this->slot(slot), bytes, stream));
-    return record(slot, stream);
+    constexpr const char* kWhat = "copying to the device";
+    const cudaStream_t stream = streams_[slot % std::size(streams_)];
+    SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));  // each thread has a current device of its own
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(arena_ + to, this->slot(slot), bytes, cudaMemcpyHostToDevice, stream), kWhat));
+    return cuda_check(cudaEventRecord(copied_[slot], stream), kWhat);
   }
 
   Result<void> wait(uint32_t slot) override {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const auto is_it = [slot](const WaitingJoin& join) { return join.slot == slot; };
-      if (std::any_of(waiting_.begin(), waiting_.end(), is_it)) SCREE_TRY(start_joins());
-    }
     return cuda_check(cudaEventSynchronize(copied_[slot]), "waiting for a copy");
   }
 
-  JoinRoom join_room() const override { return join_sizes_ ? join_sizes_->room() : JoinRoom{}; }
-
-  Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks) override {
-    std::memcpy(join_pinned_.data() + slot * join_sizes_->pinned_bytes(), tasks.data(), tasks.size_bytes());
-    *flag_of(slot) = 0;
-    const std::lock_guard<std::mutex> lock(mutex_);
-    waiting_.push_back({slot, bytes, static_cast<uint32_t>(tasks.size())});
-    return waiting_.size() < most_waiting_ ? Result<void>() : start_joins();
+  JoinTarget* joins() override { return joins_ ? &*joins_ : nullptr; }
+  Result<bool> finish_joins() override {
+    const Result<void> ended = joins_->end(streams_[0]);
+    SCREE_TRY(cuda_check(cudaStreamSynchronize(streams_[0]), "joining pages"));
+    if (!ended) return ended.error();
+    return joins_->has_joined(0);
   }
-
-  bool has_joined(uint32_t slot) override { return *flag_of(slot) == 0; }
 
  private:
-  static constexpr uint32_t kCopyStreams = 2;
-  static constexpr uint32_t kJoinStreams = 4;
-
-  struct WaitingJoin {
-    uint32_t slot;
-    uint64_t bytes;
-    uint32_t tasks;
-  };
-
-  /// Copies and joins all waiting slots. Called with the mutex held.
-  Result<void> start_joins() {
-    const std::vector<WaitingJoin> joins = std::exchange(waiting_, {});
-    const cudaStream_t stream = streams_[batch_++ % streams_.size()];
-    std::vector<kernels::JoinSlot> slots;
-    for (const WaitingJoin& join : joins) {
-      std::byte* const device = join_device_.data() + join.slot * join_sizes_->device_bytes();
-      std::byte* const tasks = device + join_sizes_->slot_bytes;
-      SCREE_TRY(send(device, slot(join.slot), join.bytes, stream));
-      SCREE_TRY(send(tasks, join_pinned_.data() + join.slot * join_sizes_->pinned_bytes(),
-                     join.tasks * sizeof(kernels::JoinTask), stream));
-      slots.push_back({reinterpret_cast<const kernels::JoinTask*>(tasks), join.tasks, device,
-                       reinterpret_cast<uint32_t*>(tasks + join_sizes_->task_bytes), flag_of(join.slot)});
-    }
-    SCREE_TRY(kernels::join_parts(slots, arena_, stream));
-    for (const WaitingJoin& join : joins) SCREE_TRY(record(join.slot, stream));
-    return {};
-  }
-
-  Result<void> open_joins(uint32_t slots) {
-    SCREE_TRY(join_pinned_.allocate(slots * join_sizes_->pinned_bytes(), "allocating pinned memory"));
-    join_device_ =
-        SCREE_TRY(DeviceBuffer::allocate(slots * join_sizes_->device_bytes(), "allocating memory to join pages"));
-    most_waiting_ = std::clamp(slots / (2 * kJoinStreams), 1u, kernels::kMostJoinSlots);
-    return {};
-  }
-
-  uint32_t* flag_of(uint32_t slot) const {
-    return reinterpret_cast<uint32_t*>(join_pinned_.data() + slot * join_sizes_->pinned_bytes() +
-                                       join_sizes_->task_bytes);
-  }
-
-  Result<void> send(std::byte* to, const std::byte* from, uint64_t bytes, cudaStream_t stream) {
-    // The current device is each thread's own.
-    SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
-    return cuda_check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream), "copying to the device");
-  }
-  Result<void> record(uint32_t slot, cudaStream_t stream) {
-    return cuda_check(cudaEventRecord(copied_[slot], stream), "recording a copy");
-  }
-
   kernels::PinnedBuffer memory_;
   uint64_t slot_bytes_ = 0;
   std::byte* arena_ = nullptr;
   int device_ = 0;
-  std::optional<JoinSizes> join_sizes_;
-  kernels::PinnedBuffer join_pinned_;
-  DeviceBuffer join_device_;
-  std::mutex mutex_;
-  std::vector<WaitingJoin> waiting_;
-  uint32_t most_waiting_ = 1;
-  uint32_t batch_ = 0;
-  std::vector<kernels::DeviceStream> streams_;
+  kernels::DeviceStream streams_[2];
   std::vector<kernels::DeviceEvent> copied_;
+  std::optional<PageJoins> joins_;
 };
 
 /// The rest of the budget.
@@ -318,18 +235,25 @@ StagingSizes staging_within(uint64_t host_memory) {
   return most;
 }
 
-/// The ring for a plan. The device joins its split pages if `free_bytes` hold the memory for that; then slots are left
-/// out, so that the pinned memory stays within `most`.
-StagingSizes ring_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
-                      uint64_t free_bytes) {
+/// The memory that an upload goes through.
+struct UploadMemory {
+  StagingSizes ring;
+  PageJoins::Sizes joins;  // none: split pages are joined on the CPU
+};
+
+/// For a plan. All pinned memory stays within `most`, and the device's within `free_bytes`.
+UploadMemory memory_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
+                        uint64_t free_bytes) {
   if (has_split_pages(plan)) {
-    StagingSizes sizes = staging_for(plan, reading, threads, most, true);
-    const JoinSizes joins(sizes);
-    const uint64_t slots = std::min<uint64_t>(sizes.slots, most.bytes() / (sizes.slot_bytes + joins.pinned_bytes()));
-    sizes.slots = static_cast<uint32_t>(slots);
-    if (slots != 0 && joins.room().tasks != 0 && slots * joins.device_bytes() <= free_bytes) return sizes;
+    StagingSizes half = most;
+    half.slots = std::max(most.slots / 2, 1u);
+    UploadMemory memory{staging_for(plan, reading, threads, half, true), {}};
+    const StagingSizes& ring = memory.ring;
+    memory.joins = PageJoins::sizes_for(ring.slot_bytes, ring.join_slot_bytes(), threads_for(reading, threads),
+                                          free_bytes, most.bytes() - std::min(most.bytes(), ring.bytes()));
+    if (memory.joins.any()) return memory;
   }
-  return staging_for(plan, reading, threads, most);
+  return {staging_for(plan, reading, threads, most), {}};
 }
 
 /// Device memory of the texture cache and the pager, without the room for pages.
@@ -436,10 +360,10 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
-  const StagingSizes sizes = ring_for(plan, chosen, threads, staging_within(host_memory), left);
+  const UploadMemory memory = memory_for(plan, chosen, threads, staging_within(host_memory), left);
   PinnedRing ring;
-  SCREE_TRY(ring.open(sizes, base));
-  const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads, progress);
+  SCREE_TRY(ring.open(memory.ring, memory.joins, base));
+  const Result<UploadCounts> counts = run_upload(plan, map, ring, memory.ring, chosen, threads, progress);
   if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
   if (!counts) return at(scene.file().path(), counts.error());
 

@@ -367,10 +367,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
       (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) + DeviceBlockPager::table_bytes(host)
                                      : 0);
   const bool keeps_all = host_memory != 0 && lists + all_rooms <= host_memory;
-  StreamJoins::Sizes joins;
+  PageJoins::Sizes joins;
   if (!keeps_all)
-    joins = StreamJoins::sizes_for(ChunkSource(host).most_slot_bytes(), threads, (budget - least) / kJoinShare,
-                                   host_memory != 0 ? host_memory / kPinnedJoinShare : StreamJoins::kMostPinned);
+    joins = PageJoins::sizes_for(ChunkSource(host), threads, (budget - least) / kJoinShare,
+                                   host_memory != 0 ? host_memory / kPinnedJoinShare : PageJoins::kMostPinned);
   for (;; joins = {}) {
     pages.bytes = budget - beside - joins.device_bytes();
     pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);

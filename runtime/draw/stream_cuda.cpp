@@ -38,7 +38,7 @@ Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
 
 }  // namespace
 
-CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const StreamJoins::Sizes& joins,
+CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const PageJoins::Sizes& joins,
                        uint32_t threads)
     : source_(scene),
       streamer_(std::move(streamer)),
@@ -160,12 +160,12 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
   // The pool is empty yet. A part of it serves to join split pages, whose chunks are then copied back. The pinned
   // memory of later joins is free too.
   const uint64_t pool = residency.pool_bytes() / Residency::kAlignment * Residency::kAlignment;
-  const StreamJoins::Sizes sizes =
-      StreamJoins::sizes_for(source_.most_slot_bytes(), static_cast<uint32_t>(workers_.count()), pool / 2,
-                             std::min(host_bytes - end + join_sizes_.pinned_bytes(), StreamJoins::kMostPinned));
+  const PageJoins::Sizes sizes =
+      PageJoins::sizes_for(source_, static_cast<uint32_t>(workers_.count()), pool / 2,
+                             std::min(host_bytes - end + join_sizes_.pinned_bytes(), PageJoins::kMostPinned));
   if (!sizes.any()) return read_all();
   const uint64_t room = pool - sizes.device_bytes();
-  StreamJoins joins;
+  PageJoins joins;
   SCREE_TRY(joins.open(sizes, device_, pool_.data(), pool_.data() + room));
   for (size_t first = 0; first < places.size();) {
     size_t last = first;
@@ -182,7 +182,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
 }
 
 /// Keeps chunks in host memory. Chunks of split pages are joined in the pool, which must be empty.
-Result<void> CudaStream::keep(std::span<const Residency::Place> places, StreamJoins& joins) {
+Result<void> CudaStream::keep(std::span<const Residency::Place> places, PageJoins& joins) {
   const auto read = [&](std::span<const Residency::Place> wanted) {
     return source_.read(wanted, kept_.data(), ChunkSource::Reader::kDevice, workers_);
   };

@@ -21,7 +21,7 @@
 #include "kernels/cuda/shade/blend.h"
 #include "kernels/cuda/shade/resolve.h"
 #include "runtime/draw/device_block_pager.h"
-#include "runtime/draw/stream_joins.h"
+#include "runtime/draw/page_joins.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/shared_room.h"
 #include "runtime/stream/streamer.h"
@@ -34,7 +34,7 @@ class CudaStream final : public StreamTarget {
  public:
   /// `scene` outlives this. `streamer`: of this scene. `bounce_bytes`: from bounce_bytes(). `joins`: memory for joining
   /// split pages on the GPU; without it they are joined on `threads` threads. Throws std::bad_alloc.
-  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const StreamJoins::Sizes& joins,
+  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const PageJoins::Sizes& joins,
              uint32_t threads);
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
@@ -142,7 +142,7 @@ class CudaStream final : public StreamTarget {
   Result<void> move(std::span<const Residency::Move> moves);
   Result<void> copy(Copies& copies);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
-  Result<void> keep(std::span<const Residency::Place> places, StreamJoins& joins);
+  Result<void> keep(std::span<const Residency::Place> places, PageJoins& joins);
   bool is_joined(uint32_t chunk) const;
   bool needs_staging() const;
   Result<void> open_staging();
@@ -189,8 +189,8 @@ class CudaStream final : public StreamTarget {
   std::vector<kernels::CudaPageTable::Entry> entries_;  // of the part
   kernels::PinnedBuffer kept_;
   std::vector<uint64_t> kept_at_;  // by chunk, in kept_
-  StreamJoins::Sizes join_sizes_;
-  std::optional<StreamJoins> joins_;
+  PageJoins::Sizes join_sizes_;
+  std::optional<PageJoins> joins_;
   uint64_t joined_[kMostLoads] = {};          // bytes of a load that the GPU joins
   uint64_t joined_bytes_ = 0;                 // of all loads so far
   kernels::PinnedBuffer staging_[kStagings];  // if the GPU joins all chunks, made when it refuses one

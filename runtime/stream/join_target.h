@@ -16,7 +16,7 @@ class JoinTarget {
  public:
   struct Slot {
     uint32_t number;
-    std::span<std::byte> memory;  // aligned to 256 bytes
+    std::span<std::byte> memory;  // aligned to format::kPageAlignment
   };
 
   virtual uint32_t slot_count() const = 0;

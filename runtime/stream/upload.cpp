@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <atomic>
 #include <cassert>
+#include <condition_variable>
 #include <cstring>
-#include <deque>
 #include <mutex>
 #include <new>
 #include <optional>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "format/bytes.h"
 #include "runtime/files/direct_file.h"
@@ -75,93 +76,84 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   return jobs;
 }
 
-/// Free slots, then slots whose copies are running, in the order of their start. A thread holds at most one slot, so as
-/// many slots as threads are always enough.
+bool has_split(const DrawnPages& pages, const Job& job) {
+  for (uint64_t i = job.first; i < job.last; ++i)
+    if (pages.record(i).codec == format::PageCodec::kSplit) return true;
+  return false;
+}
+
+/// Free slots, then slots whose copies are running, in the order of their start.
 class SlotRing {
  public:
-  SlotRing(UploadTarget& target, uint32_t slots) : target_(target), joined_(slots, kNoJob) {
+  SlotRing(UploadTarget& target, uint32_t slots) : target_(target) {
+    free_.reserve(slots);  // so that giving one back allocates nothing
+    copying_.reserve(slots);
     for (uint32_t i = 0; i < slots; ++i) free_.push_back(i);
   }
 
-  Result<uint32_t> take() {
-    uint32_t slot = 0;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      if (!free_.empty()) {
-        slot = free_.front();
-        free_.pop_front();
-        return slot;
-      }
-      assert(!copying_.empty());
-      slot = copying_.front();
-      copying_.pop_front();
+  /// A slot of which no copy is running. Gives it back, unless a copy was started.
+  class Taken {
+   public:
+    Taken(SlotRing& ring, uint32_t slot) : ring_(&ring), slot_(slot) {}
+    Taken(Taken&& other) noexcept : ring_(std::exchange(other.ring_, nullptr)), slot_(other.slot_) {}
+    Taken& operator=(Taken&&) = delete;
+    ~Taken() {
+      if (ring_ != nullptr) ring_->add(slot_, ring_->free_);
     }
-    if (Result<void> done = finish(slot); !done) {
-      give_back(slot);
-      return done.error();
+
+    uint32_t number() const { return slot_; }
+    std::span<std::byte> memory(uint64_t bytes) const { return {ring_->target_.slot(slot_), bytes}; }
+    /// Starts a copy.
+    Result<void> copy(uint64_t to, uint64_t bytes) {
+      SCREE_TRY(ring_->target_.copy(slot_, to, bytes));
+      ring_->add(slot_, ring_->copying_);
+      ring_ = nullptr;
+      return {};
     }
-    return slot;
-  }
 
-  /// Gives back a slot of which no copy is running.
-  void give_back(uint32_t slot) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    free_.push_back(slot);
-  }
+   private:
+    SlotRing* ring_;
+    uint32_t slot_;
+  };
 
-  /// Starts a copy out of a taken slot.
-  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) { return started(slot, target_.copy(slot, to, bytes)); }
-
-  /// Starts a join out of a taken slot. `job`: its number.
-  Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks, uint64_t job) {
-    joined_[slot] = job;
-    return started(slot, target_.join(slot, bytes, tasks));
+  /// Waits until there is a slot.
+  Result<Taken> take() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this] { return !free_.empty() || !copying_.empty(); });
+    const bool is_free = !free_.empty();
+    std::vector<uint32_t>& from = is_free ? free_ : copying_;
+    Taken taken(*this, from.front());
+    from.erase(from.begin());
+    lock.unlock();
+    if (!is_free) SCREE_TRY(target_.wait(taken.number()));
+    return Result<Taken>(std::move(taken));
   }
 
   /// Waits for all copies, also after an error, because the slots' memory is about to be freed.
   Result<void> drain() {
     Result<void> result;
     for (const uint32_t slot : copying_) {
-      if (Result<void> done = finish(slot); !done && result) result = done;
+      if (Result<void> done = target_.wait(slot); !done && result) result = done;
       free_.push_back(slot);
     }
     copying_.clear();
     return result;
   }
 
-  /// The jobs whose pages the device refused, among the joins that are done. Called by one thread alone.
-  std::vector<uint64_t> take_refused() { return std::exchange(refused_, {}); }
-
  private:
-  static constexpr uint64_t kNoJob = UINT64_MAX;
-
-  Result<void> started(uint32_t slot, Result<void> result) {
-    if (!result) {
-      joined_[slot] = kNoJob;
-      give_back(slot);
-      return result;
+  void add(uint32_t slot, std::vector<uint32_t>& to) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      to.push_back(slot);
     }
-    const std::lock_guard<std::mutex> lock(mutex_);
-    copying_.push_back(slot);
-    return {};
-  }
-
-  /// Waits for a slot's copy or join.
-  Result<void> finish(uint32_t slot) {
-    const uint64_t job = std::exchange(joined_[slot], kNoJob);
-    SCREE_TRY(target_.wait(slot));
-    if (job == kNoJob || target_.has_joined(slot)) return {};
-    const std::lock_guard<std::mutex> lock(mutex_);
-    refused_.push_back(job);
-    return {};
+    changed_.notify_one();
   }
 
   UploadTarget& target_;
   std::mutex mutex_;
-  std::deque<uint32_t> free_;
-  std::deque<uint32_t> copying_;
-  std::vector<uint64_t> joined_;  // by slot: the job whose pages are joined, or kNoJob
-  std::vector<uint64_t> refused_;
+  std::condition_variable changed_;
+  std::vector<uint32_t> free_;
+  std::vector<uint32_t> copying_;
 };
 
 class Uploader {
@@ -174,11 +166,9 @@ class Uploader {
         sizes_(sizes),
         is_mapped_(is_mapped),
         progress_(progress),
-        jobs_(jobs_of(plan, sizes.job_bytes())),
+        jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots),
-        joins_(sizes.joins) {
-    bounce_.reserve(sizes.slots);  // room for all buffers, so that giving one back allocates nothing
-  }
+        joins_(target.joins()) {}
 
   /// Opens the file for reads past the page cache, if that is supported.
   Result<void> open_direct() {
@@ -191,27 +181,21 @@ class Uploader {
   }
 
   Result<UploadCounts> run(uint32_t threads) {
-    FirstError failure;
-    if (is_direct_) threads = std::max(threads, kDirectThreads);
-    threads = std::clamp(threads, 1u, sizes_.slots);
+    threads = threads_for(is_direct_ ? Reading::kDirect : Reading::kMapped, threads);
+    if (joins_ != nullptr) threads = std::min(threads, joins_->slot_count());
     for (uint64_t i = 0; i < std::min<uint64_t>(threads, jobs_.size()); ++i) ask_for(i);
+    bounce_.reserve(threads);  // room for all buffers, so that giving one back allocates nothing
     if (progress_ != nullptr) progress_->begin("upload", job_bytes());
+    FirstError failure;
+    Result<void> done;
     try {
-      parallel_for(jobs_.size(), threads, [&](uint64_t i) {
-        if (failure.is_superseded(i)) return;
-        ask_for(i + threads);
-        Result<void> done = run(jobs_[i]);
-        if (done) done = JobProgress::advance(progress_, jobs_[i].bytes);
-        if (!done) failure.report(i, done.error());
-      });
+      done = run_all(threads, failure);
     } catch (...) {
-      (void)ring_.drain();
+      (void)drain();
       throw;
     }
-    Result<void> drained = ring_.drain();
-    if (drained) drained = redo(ring_.take_refused(), failure);
     if (failure.any()) return failure.error();
-    if (!drained) return drained.error();
+    if (!done) return done.error();
     return counts();
   }
 
@@ -256,14 +240,33 @@ class Uploader {
     map_.will_need(first.offset, last.offset + last.stored_bytes - first.offset);
   }
 
-  /// Does jobs again, without the device's help, which gives the errors of their pages.
-  Result<void> redo(const std::vector<uint64_t>& jobs, FirstError& failure) {
-    joins_ = false;
-    for (const uint64_t job : jobs) {
-      if (failure.is_superseded(job)) continue;
-      if (Result<void> done = run(jobs_[job]); !done) failure.report(job, done.error());
-    }
+  /// Does all jobs. If the device refuses a split page, the jobs with such pages are done again without its help, which
+  /// gives the page's error.
+  Result<void> run_all(uint32_t threads, FirstError& failure) {
+    parallel_for(jobs_.size(), threads, [&](uint64_t i) {
+      if (failure.is_superseded(i)) return;
+      ask_for(i + threads);
+      Result<void> done = run(jobs_[i]);
+      if (done) done = JobProgress::advance(progress_, jobs_[i].bytes);
+      if (!done) failure.report(i, done.error());
+    });
+    const bool is_good = SCREE_TRY(drain());
+    if (is_good) return {};
+    joins_ = nullptr;
+    parallel_for(jobs_.size(), threads, [&](uint64_t i) {
+      if (failure.is_superseded(i) || jobs_[i].kind != Job::Kind::kPages || !has_split(*plan_.pages(), jobs_[i]))
+        return;
+      if (Result<void> done = run(jobs_[i]); !done) failure.report(i, done.error());
+    });
     return ring_.drain();
+  }
+
+  /// Waits for all copies and joins. Returns whether the device has found all split pages good.
+  Result<bool> drain() {
+    const Result<void> copied = ring_.drain();
+    Result<bool> joined = joins_ != nullptr ? target_.finish_joins() : true;
+    if (!copied) return copied.error();
+    return joined;
   }
 
   Result<void> run(const Job& job) {
@@ -274,47 +277,47 @@ class Uploader {
 
   /// `bytes`: at most a slot.
   Result<void> copy_memory(const std::byte* from, uint64_t bytes, uint64_t offset) {
-    const uint32_t slot = SCREE_TRY(ring_.take());
-    std::memcpy(target_.slot(slot), from, bytes);
-    return ring_.copy(slot, offset, bytes);
+    SlotRing::Taken slot = SCREE_TRY(ring_.take());
+    std::memcpy(slot.memory(bytes).data(), from, bytes);
+    return slot.copy(offset, bytes);
   }
 
-  /// A slot that the pages of a job are read into.
+  /// The slot that the pages of a job are read into.
   struct SlotPages {
     const Job* job;
-    std::byte* memory;
-    bool joins;           // pages lie one after the other, and `plan` makes the job's bytes of them on the device
+    std::span<std::byte> memory;  // at least the job's bytes
+    bool joins = false;   // pages lie one after the other, and `plan` makes the job's bytes of them on the device
     JoinPlan plan{};      // if `joins`
     uint64_t end = 0;     // of the pages in the slot so far
     uint64_t joined = 0;  // pages
   };
 
   Result<void> copy_pages(const Job& job) {
-    const uint32_t slot = SCREE_TRY(ring_.take());
-    SlotPages pages{&job, target_.slot(slot), joins_ && has_split(job)};
-    Result<void> done = fill(pages);
-    if (pages.joins) {
-      const std::vector<kernels::JoinTask>& tasks = pages.plan.tasks();
-      const JoinRoom room = target_.join_room();
-      if (done && tasks.size() <= room.tasks && pages.plan.history_words() <= room.history_words) {
-        joined_pages_ += pages.joined;
-        return ring_.join(slot, pages.end, tasks, static_cast<uint64_t>(&job - jobs_.data()));
-      }
-      // A page before one with an error may be bad too, which only the device would find.
-      pages.joins = false;
-      done = fill(pages);
+    if (joins_ != nullptr && has_split(*plan_.pages(), job)) {
+      const bool is_joined = SCREE_TRY(join_pages(job));
+      if (is_joined) return {};
     }
-    if (!done) {
-      ring_.give_back(slot);
-      return done;
-    }
-    return ring_.copy(slot, job.offset, job.bytes);
+    SlotRing::Taken slot = SCREE_TRY(ring_.take());
+    SlotPages pages{&job, slot.memory(sizes_.slot_bytes)};
+    SCREE_TRY(fill(pages));
+    return slot.copy(job.offset, job.bytes);
   }
 
-  bool has_split(const Job& job) const {
-    for (uint64_t i = job.first; i < job.last; ++i)
-      if (plan_.pages()->record(i).codec == format::PageCodec::kSplit) return true;
-    return false;
+  /// Leaves the job's split pages to the device. Returns false if they have to be joined here: the device lacks room,
+  /// or there is an error. Then a page before the bad one may be bad too, which only the device would find.
+  Result<bool> join_pages(const Job& job) {
+    const JoinTarget::Slot slot = SCREE_TRY(joins_->take());
+    Result<bool> taken = false;
+    try {
+      SlotPages pages{&job, slot.memory.first(sizes_.join_slot_bytes()), true};
+      if (fill(pages)) taken = joins_->join(slot, pages.end, pages.plan);
+      if (taken && *taken) joined_pages_ += pages.joined;
+    } catch (...) {
+      joins_->give_back(slot);
+      throw;
+    }
+    if (!taken || !*taken) joins_->give_back(slot);
+    return taken;
   }
 
   Result<void> fill(SlotPages& slot) {
@@ -323,14 +326,14 @@ class Uploader {
       if (done || done.error().code != ErrorCode::kUnsupported) return done;
       // If the memory or the file system does not support direct reads, no thread tries them again.
       is_direct_ = false;
-      slot = {slot.job, slot.memory, slot.joins};
+      slot = {slot.job, slot.memory, slot.joins, {}};
     }
     return take_pages(slot);
   }
 
   /// The offset of the next page: a multiple of format::kPageAlignment.
   std::byte* place_of(const SlotPages& slot, uint64_t index) const {
-    return slot.memory + (slot.joins ? slot.end : plan_.page_offset(index) - slot.job->offset);
+    return slot.memory.data() + (slot.joins ? slot.end : plan_.page_offset(index) - slot.job->offset);
   }
 
   /// Reads the pages of a job into a slot, through the page cache.
@@ -402,7 +405,7 @@ class Uploader {
   }
 
   static uint32_t offset_in(const SlotPages& slot, const std::byte* place) {
-    return static_cast<uint32_t>(place - slot.memory);
+    return static_cast<uint32_t>(place - slot.memory.data());
   }
 
   /// Unpacks the frame of a split page to `to`. Returns whether the device can join it.
@@ -410,9 +413,11 @@ class Uploader {
     const DrawnPages& pages = *plan_.pages();
     const format::Container& container = pages.container();
     const uint32_t page = pages.page(index);
-    const Result<uint64_t> content = container.content_bytes(page, stored);  // at most twice the page's room
-    if (!content) return content.error();
-    const std::span<std::byte> split(to, *content);
+    const uint64_t content = SCREE_TRY(container.content_bytes(page, stored));
+    const uint64_t end = format::align_up(offset_in(slot, to) + content, format::kPageAlignment);
+    const uint64_t behind = slot.job->offset + slot.job->bytes - plan_.page_offset(index) - page_room(pages, index);
+    if (end + behind > slot.memory.size()) return false;  // the pages behind it need their room
+    const std::span<std::byte> split(to, content);
     SCREE_TRY(container.unpack_content(page, stored, split));
     std::vector<JoinChunk> chunks;
     for (uint64_t i = 0; i < pages.chunk_count(index); ++i) {
@@ -422,7 +427,7 @@ class Uploader {
     if (!slot.plan.add_split(split, pages.record(index).raw_bytes, chunks,
                              {offset_in(slot, to), plan_.page_offset(index)}))
       return false;
-    slot.end = format::align_up(offset_in(slot, to) + *content, format::kPageAlignment);
+    slot.end = end;
     ++slot.joined;
     return true;
   }
@@ -479,7 +484,7 @@ class Uploader {
   JobProgress* progress_;
   std::vector<Job> jobs_;
   SlotRing ring_;
-  bool joins_;  // the device joins split pages
+  JoinTarget* joins_;  // null: no page is left split
   std::atomic<uint64_t> joined_pages_{0};
   std::mutex large_mutex_;
   std::optional<DirectFile> direct_;
@@ -490,14 +495,6 @@ class Uploader {
 };
 
 }  // namespace
-
-Result<void> UploadTarget::join(uint32_t, uint64_t, std::span<const kernels::JoinTask>) {
-  return Error{ErrorCode::kUnsupported, "the device does not join split pages"};
-}
-
-bool UploadTarget::has_joined(uint32_t) {
-  return false;
-}
 
 uint64_t UploadPlan::add(const void* from, uint64_t bytes) {
   const uint64_t offset = bytes_;
@@ -541,14 +538,13 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
       if (const uint64_t room = page_room(*plan.pages(), i); room <= most.slot_bytes)
         sizes.slot_bytes = std::max(sizes.slot_bytes, room);
   }
-  sizes.joins = joins;
-  if (joins && !is_direct) sizes.slot_bytes = std::min(format::kMaxSplitRatio * sizes.slot_bytes, most.slot_bytes);
-  const uint64_t jobs = jobs_of(plan, sizes.job_bytes()).size();
-  const uint32_t workers = std::max(threads, is_direct ? kDirectThreads : 1u);
-  // Two slots per thread: one is filled while the other is copied. A join takes milliseconds, so joins get more slots.
-  const uint64_t slots = (joins ? 8 : 2) * uint64_t{workers};
-  const uint64_t limit = joins ? std::max<uint64_t>(most.bytes() / sizes.slot_bytes, 1) : most.slots;
-  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, slots), 1, limit));
+  if (joins && is_direct) sizes.slot_bytes = std::max(sizes.slot_bytes / 2, format::kPageAlignment);
+  uint64_t jobs = 0;
+  for (const Job& job : jobs_of(plan, sizes.slot_bytes))
+    if (!joins || job.kind != Job::Kind::kPages || !has_split(*plan.pages(), job)) ++jobs;
+  // Two slots per thread: one is filled while the other is copied.
+  const uint64_t slots = std::min<uint64_t>(jobs, 2 * uint64_t{threads_for(reading, threads)});
+  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(slots, 1, most.slots));
   return sizes;
 }
 

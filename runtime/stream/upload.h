@@ -2,17 +2,17 @@
 // copied. Independent of CUDA; runtime/draw/cuda_upload.h has the device.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "format/geometry/cluster_page.h"
 #include "format/result.h"
-#include "kernels/join_task.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/files/reading.h"
 #include "runtime/scene/pages.h"
+#include "runtime/stream/join_target.h"
 #include "runtime/threads/job_progress.h"
 
 namespace scree::runtime {
@@ -23,17 +23,10 @@ namespace scree::runtime {
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
-  bool joins = false;  // the device joins split pages, which may take twice the bytes of the joined ones
 
   uint64_t bytes() const { return slot_bytes * slots; }
-  /// The most bytes of the arena that are made of a slot.
-  uint64_t job_bytes() const { return joins ? slot_bytes / format::kMaxSplitRatio : slot_bytes; }
-};
-
-/// The most tasks of a join, and its most words for kept vertices.
-struct JoinRoom {
-  uint64_t tasks = 0;
-  uint64_t history_words = 0;
+  /// Bytes of a JoinTarget's slots. The split pages that make a slot's bytes rarely take more.
+  uint64_t join_slot_bytes() const { return slot_bytes + slot_bytes / 4; }
 };
 
 /// Staging memory and a device that copies out of it. Called by several threads at once, each with a different slot.
@@ -43,16 +36,13 @@ class UploadTarget {
   virtual std::byte* slot(uint32_t slot) = 0;
   /// Starts copying the slot's first `bytes` to offset `to` of the device's arena. Errors kDevice.
   virtual Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) = 0;
-  /// Waits until the last copy or join out of the slot is done. Errors kDevice.
+  /// Waits until the last copy out of the slot is done. Errors kDevice.
   virtual Result<void> wait(uint32_t slot) = 0;
 
-  /// The next three functions are called if StagingSizes::joins is set.
-  virtual JoinRoom join_room() const { return {}; }
-  /// Starts copying the slot's first `bytes` to the device and doing `tasks` there: from the slot to the arena
-  /// (JoinPlan). Errors kDevice.
-  virtual Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks);
-  /// After wait(): whether the device found the parts of the slot's last join() good.
-  virtual bool has_joined(uint32_t slot);
+  /// Joins split pages to the arena, in slots of its own; null: the device joins none.
+  virtual JoinTarget* joins() { return nullptr; }
+  /// Waits for all joins, also after an error. Returns whether the device found all of them good. Errors kDevice.
+  virtual Result<bool> finish_joins() { return true; }
 
  protected:
   ~UploadTarget() = default;
@@ -104,9 +94,14 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
 /// than 1 MiB), so are the slots.
 inline constexpr uint64_t kCachedSlotBytes = uint64_t{1} << 20;
 
-/// Staging memory that `plan` can use, at most `most`. `reading`: not kAuto.
+/// Staging memory that `plan` can use, at most `most`. `reading`: not kAuto. `joins`: split pages lie in other memory.
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {},
                          bool joins = false);
+
+/// The threads of an upload. With kDirect they wait for the disk, so at least kDirectThreads are used.
+inline uint32_t threads_for(Reading reading, uint32_t threads) {
+  return std::max(threads, reading == Reading::kDirect ? kDirectThreads : 1u);
+}
 
 struct UploadCounts {
   uint64_t pages = 0;
@@ -126,13 +121,13 @@ struct UploadStats {
   double gb_per_s() const { return upload_ms > 0 ? static_cast<double>(counts.copied_bytes) * 1e-6 / upload_ms : 0; }
 };
 
-/// Uploads `plan` on up to `threads` threads and returns when all of it lies on the device. With kDirect, threads wait
-/// for the disk, so at least kDirectThreads are used. `reading`: not kAuto. A page is checked in its slot before it is
-/// copied (checksum, padding, frame, the streams of its drawn chunks). Only a raw page larger than a slot is checked in
-/// the map. A split page is joined and its clusters are checked by the device, if it can; a page that the device
-/// refuses is unpacked and checked here after all. Used pages are dropped from the map's resident memory. `map`: the
-/// file that the pages' container was opened on. Errors: as load_pages, and kFile; the error of the first bad page, for
-/// any number of threads; kDevice. `progress`: receives the bytes of the arena, and may stop the upload (kFile).
+/// Uploads `plan` on up to threads_for() threads and returns when all of it lies on the device. `reading`: not kAuto. A
+/// page is checked in its slot before it is copied (checksum, padding, frame, the streams of its drawn chunks). Only a
+/// raw page larger than a slot is checked in the map. A split page is joined and its clusters are checked by the
+/// device, if it can; if the device refuses any, all split pages are unpacked and checked here after all. Used pages
+/// are dropped from the map's resident memory. `map`: the file that the pages' container was opened on. Errors: as
+/// load_pages, and kFile; the error of the first bad page, for any number of threads; kDevice. `progress`: receives the
+/// bytes of the arena, and may stop the upload (kFile).
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
                                 const StagingSizes& sizes, Reading reading, uint32_t threads,
                                 JobProgress* progress = nullptr);

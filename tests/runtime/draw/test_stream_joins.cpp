@@ -11,7 +11,7 @@
 
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/stream_joins.h"
+#include "runtime/draw/page_joins.h"
 #include "runtime/stream/chunk_source.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
@@ -139,7 +139,7 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
 TEST_CASE("no slot is joined twice", "[cuda][stream]") {
   if (!has_gpu()) return;
   constexpr uint32_t kSlots = kernels::kMostJoinSlots;
-  const StreamJoins::Sizes sizes = StreamJoins::sizes_for(4096, kSlots, uint64_t{1} << 20, uint64_t{1} << 20);
+  const PageJoins::Sizes sizes = PageJoins::sizes_for(2048, 4096, kSlots, uint64_t{1} << 20, uint64_t{1} << 20);
   REQUIRE(sizes.region_bytes >= kSlots * 1024);
   const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(kSlots * 256, "a test"));
   const auto sync = [] { must(kernels::cuda_check(cudaDeviceSynchronize(), "a test")); };
@@ -154,7 +154,7 @@ TEST_CASE("no slot is joined twice", "[cuda][stream]") {
   };
   int device = 0;
   must(kernels::cuda_check(cudaGetDevice(&device), "a test"));
-  StreamJoins joins;
+  PageJoins joins;
   must(joins.open(sizes, device, arena.data()));
   // Each load fills a region, so that the next region is open when the load ends. From the fifth load on, that region
   // was full once before.
@@ -162,7 +162,7 @@ TEST_CASE("no slot is joined twice", "[cuda][stream]") {
     fill(1);
     must(joins.begin(load, nullptr, nullptr));
     for (uint32_t i = 0; i < kSlots; ++i) {
-      const StreamJoins::Slot slot = must(joins.take());
+      const PageJoins::Slot slot = must(joins.take());
       std::fill_n(slot.memory.begin(), 256, std::byte{2});
       runtime::JoinPlan plan;
       plan.add_copy({0, uint64_t{256} * i}, 256);
@@ -182,25 +182,22 @@ TEST_CASE("any thread may start joins on the scene's GPU", "[cuda][stream]") {
   const EmulatedGpus gpus("9.0,9.0");
   if (!has_gpus(2)) return;
   must(set_current_gpu(1));
-  const StreamJoins::Sizes sizes = StreamJoins::sizes_for(4096, 2, uint64_t{1} << 20, uint64_t{64} << 10);
-  REQUIRE(sizes.slots < kernels::kMostJoinSlots);  // so that joins start only when a slot is wanted
+  const PageJoins::Sizes sizes = PageJoins::sizes_for(2048, 4096, 2, uint64_t{1} << 20, uint64_t{64} << 10);
   const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(sizes.slots * 256, "a test"));
-  StreamJoins joins;
+  PageJoins joins;
   must(joins.open(sizes, 1, arena.data()));
   must(joins.begin(0, nullptr, nullptr));
-  for (uint32_t i = 0; i < sizes.slots; ++i) {
-    const StreamJoins::Slot slot = must(joins.take());
+  const auto join = [&](uint32_t i) -> Result<void> {
+    const PageJoins::Slot slot = SCREE_TRY(joins.take());
     runtime::JoinPlan plan;
     plan.add_copy({0, uint64_t{256} * i}, 256);
-    CHECK(must(joins.join(slot, 256, plan)));
-  }
-  Result<void> taken;
-  std::thread([&] {  // its current GPU is the first one
-    const Result<StreamJoins::Slot> slot = joins.take();
-    if (!slot) taken = slot.error();
-  })
-      .join();
-  CHECK(taken);
+    CHECK(SCREE_TRY(joins.join(slot, 256, plan)));
+    return {};
+  };
+  for (uint32_t i = 0; i < sizes.slots; ++i) must(join(i));
+  Result<void> joined;
+  std::thread([&] { joined = join(0); }).join();  // its current GPU is the first one
+  CHECK(joined);
   must(joins.end(nullptr));
   must(kernels::cuda_check(cudaDeviceSynchronize(), "a test"));
   CHECK(joins.has_joined(0));
@@ -286,14 +283,14 @@ TEST_CASE("memory for joining streamed chunks stays within its limits", "[stream
   for (const uint64_t device : {uint64_t{0}, uint64_t{1} << 20, uint64_t{8} << 20, uint64_t{1} << 30})
     for (const uint64_t pinned : {uint64_t{0}, uint64_t{3} << 20, uint64_t{1} << 30})
       for (const uint32_t threads : {1u, 16u, 128u}) {
-        const StreamJoins::Sizes sizes = StreamJoins::sizes_for(page, threads, device, pinned);
+        const PageJoins::Sizes sizes = PageJoins::sizes_for(page / 2, page, threads, device, pinned);
         CAPTURE(device, pinned, threads);
         CHECK(sizes.any() == (device >= uint64_t{8} << 20 && pinned >= uint64_t{3} << 20));
         CHECK(sizes.device_bytes() <= device);
         CHECK(sizes.pinned_bytes() <= pinned);
         if (sizes.any()) CHECK(sizes.region_bytes >= sizes.whole_slot());
       }
-  CHECK_FALSE(StreamJoins::sizes_for(0, 4, page, page).any());
+  CHECK_FALSE(PageJoins::sizes_for(0, 0, 4, page, page).any());
 }
 
 }  // namespace scree::tests

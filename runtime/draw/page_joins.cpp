@@ -1,4 +1,4 @@
-#include "runtime/draw/stream_joins.h"
+#include "runtime/draw/page_joins.h"
 
 #include <algorithm>
 #include <cassert>
@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/layout.h"
 
 namespace scree::runtime {
 
@@ -13,76 +14,81 @@ using kernels::cuda_check;
 
 namespace {
 
-constexpr uint64_t kUnit = 256;  // slots, and everything in a region, begin at a multiple of it
+constexpr uint64_t kCopying = 8;  // slots that are copied while each thread fills another
+constexpr uint64_t kUnit = 256;   // slots, and everything in a region, begin at a multiple of it
 
-/// Device memory for a page: its frame takes up to 1.2 times its bytes, and its vertices as much again, fewer if only a
-/// part of it is wanted.
-uint64_t usual_room(uint64_t slot_bytes) {
-  return slot_bytes * 5 / 4;
+/// Device memory for a page: its streams take up to 1.2 times its bytes, and its vertices as much again, fewer if only
+/// a part of it is wanted.
+uint64_t usual_room(uint64_t page_bytes) {
+  return page_bytes * 5 / 2;
 }
 
 /// The least bytes of a region, so that nearly any page fits it. Other pages are joined on the CPU.
-uint64_t least_region(uint64_t slot_bytes) {
-  return slot_bytes * 5 / 2;
+uint64_t least_region(uint64_t page_bytes) {
+  return page_bytes * 5;
 }
 
 }  // namespace
 
 /// An ordinary page has a task for every 200 KB and more.
-uint64_t StreamJoins::Sizes::whole_slot() const {
-  return slot_bytes + std::max<uint64_t>(slot_bytes / 16, 4096);
+uint64_t PageJoins::Sizes::whole_slot() const {
+  return format::align_up(slot_bytes + std::max<uint64_t>(slot_bytes / 16, 4096), format::kPageAlignment);
 }
 
-uint64_t StreamJoins::Sizes::pinned_bytes() const {
+uint64_t PageJoins::Sizes::pinned_bytes() const {
   return any() ? slots * whole_slot() + kMostLoads * sizeof(uint32_t) : 0;
 }
 
-StreamJoins::Sizes StreamJoins::sizes_for(uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
-                                          uint64_t most_pinned) {
+PageJoins::Sizes PageJoins::sizes_for(uint64_t page_bytes, uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
+                                      uint64_t most_pinned) {
   if (slot_bytes == 0) return {};
   Sizes sizes{.slot_bytes = slot_bytes};
-  const uint64_t whole = sizes.whole_slot();
-  // A launch takes about 5 ms, in which a thread unpacks four pages.
-  const uint64_t slots =
-      std::min<uint64_t>(8 * uint64_t{std::max(threads, 1u)}, (most_pinned - std::min(most_pinned, kUnit)) / whole);
-  const uint64_t in_regions = std::min<uint64_t>(slots, kMostRegions * kernels::kMostJoinSlots);
-  const uint64_t wanted = std::max(in_regions * usual_room(slot_bytes), kMostRegions * least_region(slot_bytes));
+  // Each thread fills a slot, while a few others are copied.
+  const uint64_t slots = std::min<uint64_t>(std::max(threads, 1u) + kCopying,
+                                            (most_pinned - std::min(most_pinned, kUnit)) / sizes.whole_slot());
+  const uint64_t wanted =
+      kMostRegions * std::max(kernels::kMostJoinSlots * usual_room(page_bytes), least_region(page_bytes));
   const uint64_t device = std::min(most_device, wanted);
-  sizes.regions = static_cast<uint32_t>(std::min<uint64_t>(device / least_region(slot_bytes), kMostRegions));
+  sizes.regions = static_cast<uint32_t>(std::min<uint64_t>(device / least_region(page_bytes), kMostRegions));
   if (sizes.regions == 0 || slots == 0) return {};
   sizes.region_bytes = device / sizes.regions / kUnit * kUnit;
   sizes.slots = static_cast<uint32_t>(slots);
   return sizes;
 }
 
-StreamJoins::~StreamJoins() {
+PageJoins::~PageJoins() {
   for (const Region& region : regions_)
     if (region.stream != nullptr) (void)cudaStreamSynchronize(region.stream);
 }
 
-Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions) {
+Result<void> PageJoins::open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions) {
   sizes_ = sizes;
   device_ = device;
   arena_ = arena;
-  SCREE_TRY(pinned_.allocate(sizes.pinned_bytes(), "allocating pinned memory"));
+  SCREE_TRY(pinned_.allocate_for_copies(sizes.slots * sizes.whole_slot(), "allocating pinned memory"));
+  SCREE_TRY(flags_.allocate(kMostLoads * sizeof(uint32_t), "allocating pinned memory"));
   if (regions == nullptr) {
     SCREE_TRY(memory_.reserve(sizes.device_bytes(), "allocating memory to join pages"));
     regions = memory_.data();
   }
   free_.reserve(sizes.slots);  // so that giving one back allocates nothing
-  for (uint32_t slot = 0; slot < sizes.slots; ++slot) free_.push_back(slot);
+  copying_.reserve(sizes.slots);
+  copied_.resize(sizes.slots);
+  for (uint32_t slot = 0; slot < sizes.slots; ++slot) {
+    SCREE_TRY(copied_[slot].make(cudaEventDisableTiming | cudaEventBlockingSync));
+    free_.push_back(slot);
+  }
   regions_.resize(sizes.regions);
   for (Region& region : regions_) {
     SCREE_TRY(region.stream.make(cudaStreamNonBlocking));
     SCREE_TRY(region.done.make(cudaEventDisableTiming | cudaEventBlockingSync));
     region.memory = regions + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
     region.joins.reserve(kernels::kMostJoinSlots);
-    region.slots.reserve(kernels::kMostJoinSlots);
   }
   return {};
 }
 
-Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begun) {
+Result<void> PageJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begun) {
   const std::lock_guard<std::mutex> lock(mutex_);
   load_ = load;
   begun_ = begun;
@@ -92,12 +98,12 @@ Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t be
   return {};
 }
 
-Result<void> StreamJoins::end(cudaStream_t stream) {
+Result<void> PageJoins::end(cudaStream_t stream) {
   const std::lock_guard<std::mutex> lock(mutex_);
   // If the last slot filled its region, the open one may still be at work, with slots of earlier loads. Their places
   // may hold other chunks by now, so it must not be launched again.
   const cudaEvent_t begun = std::exchange(begun_, nullptr);
-  if (!open_region().is_launched && !open_region().slots.empty()) SCREE_TRY(launch(open_region()));
+  if (!open_region().is_launched && !open_region().joins.empty()) SCREE_TRY(launch(open_region()));
   if (begun != nullptr) SCREE_TRY(cuda_check(cudaEventRecord(begun, stream), "recording a load"));
   for (const Region& region : regions_)
     if (region.is_launched) SCREE_TRY(cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load"));
@@ -105,7 +111,7 @@ Result<void> StreamJoins::end(cudaStream_t stream) {
 }
 
 /// Joins the slots of the open region, and opens the next one, which may still be at work.
-Result<void> StreamJoins::launch(Region& region) {
+Result<void> PageJoins::launch(Region& region) {
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));  // each thread has a current device of its own
   region.is_launched = true;
   ++region.launches;
@@ -115,47 +121,46 @@ Result<void> StreamJoins::launch(Region& region) {
 }
 
 /// Waits for a region's joins, with the lock released.
-Result<void> StreamJoins::wait_for(std::unique_lock<std::mutex>& lock, Region& region) {
+Result<void> PageJoins::wait_for(std::unique_lock<std::mutex>& lock, Region& region) {
   const uint64_t launches = region.launches;
   lock.unlock();
   Result<void> done = cuda_check(cudaEventSynchronize(region.done), "joining pages");
   lock.lock();
   if (!done || !region.is_launched || region.launches != launches) return done;  // another thread has emptied it
-  free_.insert(free_.end(), region.slots.begin(), region.slots.end());
-  region.slots.clear();
   region.joins.clear();
   region.end = 0;
   region.is_launched = false;
   return done;
 }
 
-StreamJoins::Region* StreamJoins::oldest_launched() {
-  for (uint32_t i = 0; i < sizes_.regions; ++i) {
-    Region& region = regions_[(open_ + i) % sizes_.regions];
-    if (region.is_launched) return &region;
+Result<JoinTarget::Slot> PageJoins::take() {
+  uint32_t number = 0;
+  bool is_free = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    is_free = !free_.empty();
+    std::vector<uint32_t>& from = is_free ? free_ : copying_;
+    assert(!from.empty());  // or too many threads have slots
+    number = from.front();
+    from.erase(from.begin());
   }
-  return nullptr;
-}
-
-Result<JoinTarget::Slot> StreamJoins::take() {
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (free_.empty()) {
-    Region* const region = oldest_launched();
-    assert(region != nullptr || !open_region().slots.empty());  // or too many threads have slots
-    SCREE_TRY(region != nullptr ? wait_for(lock, *region) : launch(open_region()));
-  }
-  const uint32_t number = free_.back();
-  free_.pop_back();
   const uint64_t bytes = sizes_.whole_slot();
-  return Slot{number, {pinned_.data() + number * bytes, bytes}};
+  const Slot slot{number, {pinned_.data() + number * bytes, bytes}};
+  if (is_free) return slot;
+  if (const Result<void> done = cuda_check(cudaEventSynchronize(copied_[number]), "copying pages to the device");
+      !done) {
+    give_back(slot);
+    return done.error();
+  }
+  return slot;
 }
 
-void StreamJoins::give_back(const Slot& slot) {
+void PageJoins::give_back(const Slot& slot) {
   const std::lock_guard<std::mutex> lock(mutex_);
   free_.push_back(slot.number);
 }
 
-Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan& plan) {
+Result<bool> PageJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan& plan) {
   const auto tasks = std::as_bytes(std::span(plan.tasks()));
   const uint64_t tasks_at = format::align_up(bytes, kUnit);
   const uint64_t history_at = format::align_up(tasks_at + tasks.size(), kUnit);
@@ -176,17 +181,14 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
   std::byte* const memory = region.memory + region.end;
   SCREE_TRY(cuda_check(
       cudaMemcpyAsync(memory, slot.memory.data(), tasks_at + tasks.size(), cudaMemcpyHostToDevice, region.stream),
-      "copying chunks to the device"));
+      "copying pages to the device"));
+  SCREE_TRY(cuda_check(cudaEventRecord(copied_[slot.number], region.stream), "recording a load"));
   region.end += needed;
-  region.slots.push_back(slot.number);
   region.joins.push_back({reinterpret_cast<const kernels::JoinTask*>(memory + tasks_at),
                           static_cast<uint32_t>(plan.tasks().size()), memory,
                           reinterpret_cast<uint32_t*>(memory + history_at), flag_of(load_)});
-  if (region.slots.size() == kernels::kMostJoinSlots)
-    if (const Result<void> done = launch(region); !done) {
-      region.slots.pop_back();  // stays the caller's
-      return done.error();
-    }
+  if (region.joins.size() == kernels::kMostJoinSlots) SCREE_TRY(launch(region));  // after an error it is the caller's
+  copying_.push_back(slot.number);
   return true;
 }
 

@@ -1,4 +1,5 @@
-// Joins the split pages of streamed chunks on a GPU, straight into the pool. Only in programs that are built with CUDA.
+// Joins split pages on a GPU, straight into the memory from which they are drawn. Only in programs that are built with
+// CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -8,17 +9,19 @@
 #include <mutex>
 #include <vector>
 
+#include "format/geometry/cluster_page.h"
 #include "format/result.h"
 #include "kernels/cuda/common/check.h"
 #include "kernels/cuda/join/join.h"
+#include "runtime/stream/chunk_source.h"
 #include "runtime/stream/join_target.h"
 #include "runtime/stream/streamer.h"
 
 namespace scree::runtime {
 
-/// Slots of pinned memory, which are copied to a few regions of device memory. A region takes slots until it is full.
-/// Then one launch joins all of them, while other regions are filled, copied and joined.
-class StreamJoins final : public JoinTarget {
+/// Slots of pinned memory, which are copied to a few regions of device memory. A slot is free when it is copied. A
+/// region takes copies until it is full. Then one launch joins all of them, while other regions are filled and joined.
+class PageJoins final : public JoinTarget {
  public:
   struct Sizes {
     uint64_t slot_bytes = 0;  // for pages
@@ -32,13 +35,20 @@ class StreamJoins final : public JoinTarget {
     uint64_t device_bytes() const { return regions * region_bytes; }
     uint64_t pinned_bytes() const;
   };
-  /// `slot_bytes`: ChunkSource::most_slot_bytes(). The result takes at most `most_device` and `most_pinned` bytes.
-  static Sizes sizes_for(uint64_t slot_bytes, uint32_t threads, uint64_t most_device, uint64_t most_pinned);
+  /// `page_bytes`: of the pages that share a slot, when they are joined. `slot_bytes`: of a slot. The result takes at
+  /// most `most_device` and `most_pinned` bytes.
+  static Sizes sizes_for(uint64_t page_bytes, uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
+                         uint64_t most_pinned);
+  /// For the pages that `source` can send.
+  static Sizes sizes_for(const ChunkSource& source, uint32_t threads, uint64_t most_device, uint64_t most_pinned) {
+    const uint64_t slot_bytes = source.most_slot_bytes();
+    return sizes_for(slot_bytes / format::kMaxSplitRatio, slot_bytes, threads, most_device, most_pinned);
+  }
 
-  StreamJoins() = default;
-  StreamJoins(const StreamJoins&) = delete;
-  StreamJoins& operator=(const StreamJoins&) = delete;
-  ~StreamJoins();
+  PageJoins() = default;
+  PageJoins(const PageJoins&) = delete;
+  PageJoins& operator=(const PageJoins&) = delete;
+  ~PageJoins();
 
   /// The most pinned memory that sizes_for() should get.
   static constexpr uint64_t kMostPinned = uint64_t{256} << 20;
@@ -70,7 +80,6 @@ class StreamJoins final : public JoinTarget {
     kernels::DeviceEvent done;
     uint64_t end = 0;  // of the used bytes
     std::vector<kernels::JoinSlot> joins{};
-    std::vector<uint32_t> slots{};
     bool is_launched = false;  // and perhaps not done
     uint64_t launches = 0;
   };
@@ -78,18 +87,18 @@ class StreamJoins final : public JoinTarget {
   Result<void> launch(Region& region);
   Result<void> wait_for(std::unique_lock<std::mutex>& lock, Region& region);
   Region& open_region() { return regions_[open_]; }
-  Region* oldest_launched();
-  uint32_t* flag_of(uint32_t load) const {
-    return reinterpret_cast<uint32_t*>(pinned_.data() + sizes_.slots * sizes_.whole_slot()) + load;
-  }
+  uint32_t* flag_of(uint32_t load) const { return reinterpret_cast<uint32_t*>(flags_.data()) + load; }
 
   Sizes sizes_;
   int device_ = 0;
   std::byte* arena_ = nullptr;
-  kernels::PinnedBuffer pinned_;  // slots, then a flag for each load
+  kernels::PinnedBuffer pinned_;  // slots
+  kernels::PinnedBuffer flags_;   // for each load, set by kernels
   kernels::DeviceBuffer memory_;  // of the regions, if it is allocated here
   std::mutex mutex_;              // guards the rest
   std::vector<uint32_t> free_;
+  std::vector<uint32_t> copying_;             // in the order of their copies
+  std::vector<kernels::DeviceEvent> copied_;  // by slot
   std::vector<Region> regions_;
   uint32_t open_ = 0;  // the region that takes slots
   uint32_t load_ = 0;
