@@ -21,6 +21,7 @@
 #include "tools/convert/passes/encode_pass.h"
 #include "tools/convert/passes/memory_plan.h"
 #include "tools/convert/passes/merge_pass.h"
+#include "tools/convert/passes/output_bound.h"
 #include "tools/convert/passes/resume.h"
 #include "tools/convert/passes/shard.h"
 #include "tools/convert/passes/sort_scattered.h"
@@ -191,34 +192,21 @@ class Converter {
 
   /// Writes the encoded windows of the shards.
   Result<void> place_shards() {
-    const std::vector<WindowPlan>& windows = measurement_.windows;
-    uint64_t triangles = 0, done = 0, number = 0;
-    for (const WindowPlan& window : windows) triangles += window.count;
+    uint64_t triangles = 0, done = 0;
+    for (const WindowPlan& window : measurement_.windows) triangles += window.count;
     progress_.stage("merge", triangles);
     report_.threads = report_.threads_asked;
     WorkerPool pool(report_.threads_asked, options_.stop);
     MergePass pass(pool, *writer_, options_.zstd_level, times_);
-    for (ShardFile& shard : shards_->files) {
-      SCREE_TRY(pass.begin(shard));
-      for (WindowOutcome& window : shard.share.windows) {
-        const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
-        if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
-            !is_outcome_of(window, windows[number], mesh))
-          return fail(ErrorCode::kFormat, shard.map.path(), ": window ", number, " differs from the source");
-        SCREE_TRY(pass.add(window, tables_.meshes[mesh]));
-        note_window(window, mesh);
-        done += windows[number++].count;
-        progress_.update(done, writer_->bytes());
-        window = {};
-      }
-      SCREE_TRY(tools::check_stop(options_.stop));
-    }
-    if (number != windows.size())
-      return fail(ErrorCode::kFormat, shards_->files.back().map.path(), ": its shards have ", number, " of ",
-                  windows.size(), " windows");
-    const Result<void> finished = pass.finish();
+    const Result<void> merged = merge_windows(*shards_, measurement_.windows, mesh_of_, tables_.meshes, pass,
+                                              [&](const WindowPlan& window, const WindowOutcome& outcome) {
+                                                note_window(outcome, mesh_of_[window.primitive]);
+                                                done += window.count;
+                                                progress_.update(done, writer_->bytes());
+                                                return tools::check_stop(options_.stop);
+                                              });
     report_.rates = rates();
-    return finished;
+    return merged;
   }
 
   /// Checks all tables of the merged file: shards come from outside, and not all of their numbers have a check of their
@@ -275,7 +263,7 @@ class Converter {
         options_.pixel_bound.pixels > 0 || !used || !memory_.ahead())
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
-      Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
+      Result<format::ContainerWriter> writer = create_writer(most_bytes(most_geometry_bytes(scene_, wanted_, memory_)));
       if (writer && store_images(*writer)) ahead_ = memory_.ahead();  // after the images, whose memory is free again
       if (ahead_) {
         writer_ = std::move(*writer);
@@ -364,7 +352,7 @@ class Converter {
 
   Result<void> store_images(format::ContainerWriter& writer) {
     const auto [image_options, threads] = image_stage();
-    if (shards_ != nullptr) SCREE_TRY(append_shard_images(writer));
+    if (shards_ != nullptr) resumed_.images = SCREE_TRY(append_images(*shards_, images_.records.size(), writer));
     shard_share_.images = resumed_.images;
     WorkerPool pool(threads, options_.stop);
     const uint64_t before = resumed_.images.size(), count = images_.records.size();
@@ -375,17 +363,6 @@ class Converter {
                           if (options_.shards > 0) shard_share_.images.push_back(stored);
                           progress_.update(number + 1 - before, writer.bytes());
                         });
-  }
-
-  /// Appends the images of the shards, which then count as stored.
-  Result<void> append_shard_images(format::ContainerWriter& writer) {
-    for (ShardFile& shard : shards_->files) {
-      SCREE_TRY(append_images(shard, resumed_.images.size(), writer));
-      std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(resumed_.images));
-    }
-    if (resumed_.images.size() == images_.records.size()) return {};
-    return fail(ErrorCode::kFormat, shards_->files.front().map.path(), ": its shards have ", resumed_.images.size(),
-                " of ", images_.records.size(), " images");
   }
 
   /// Masks are written after the geometry, so --resume makes them again; keeping them would save little.
@@ -444,7 +421,7 @@ class Converter {
       if (writer) return writer;
       resumed_ = {};
     }
-    return create_writer(most_bytes());
+    return create_writer(most_bytes(most_geometry_bytes(options_, measurement_.windows, plans_, mesh_of_)));
   }
 
   Result<format::ContainerWriter> create_writer(uint64_t bytes) {
@@ -471,32 +448,9 @@ class Converter {
     return resumed.windows.size() <= measurement_.windows.size();
   }
 
-  /// Upper bound of the size of the finished file.
-  uint64_t most_bytes() const {
-    uint64_t bytes = uint64_t{1} << 20;
-    for (const WindowPlan& window : measurement_.windows) {
-      const uint64_t chunks = options_.chunk_triangles == 0 ? 1 : window.kept / options_.chunk_triangles + 2;
-      bytes += encoded_bytes_estimate(plans_[mesh_of_[window.primitive]], window) + 512 * chunks;
-    }
-    return with_rest(bytes);
-  }
-
-  /// The same bound, from the document alone.
-  uint64_t most_bytes_known() const {
-    uint64_t bytes = uint64_t{1} << 20;
-    for (size_t i = 0; i < wanted_.size(); ++i)
-      if (wanted_[i]) bytes += memory_.most_stored_bytes(scene_.primitives[i]);
-    return with_rest(bytes);
-  }
-
-  /// Adds everything except the geometry, and a quarter of the sum as a reserve.
-  uint64_t with_rest(uint64_t bytes) const {
-    for (const uint64_t cost : images_.costs) bytes += 4 * cost;
-    bytes += masks_.bytes();
-    bytes += 512 * (scene_.nodes.size() + scene_.primitives.size()) + tables_.strings.bytes().size();
-    for (const SourceNode& node : scene_.nodes)
-      bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
-    return bytes + bytes / 4;
+  /// Upper bound of the size of the finished file. `geometry`: of its geometry.
+  uint64_t most_bytes(uint64_t geometry) const {
+    return most_file_bytes(geometry, scene_, images_, masks_.bytes(), tables_.strings.bytes().size());
   }
 
   /// `start`: the state before the first window, if none is in the file.

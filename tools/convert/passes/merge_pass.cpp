@@ -1,5 +1,6 @@
 #include "tools/convert/passes/merge_pass.h"
 
+#include <iterator>
 #include <string>
 #include <utility>
 
@@ -39,8 +40,8 @@ Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::Cont
   return number;
 }
 
-}  // namespace
-
+/// Appends the pages of a shard's images. Renumbers images, levels and pages for the file, which already has
+/// `first_image` images.
 Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer) {
   uint32_t next = 0;  // page of the shard
   for (StoredImageRecord& image : shard.share.images) {
@@ -61,6 +62,20 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
     }
   }
   return {};
+}
+
+}  // namespace
+
+Result<std::vector<StoredImageRecord>> append_images(ShardSet& shards, uint64_t count,
+                                                     format::ContainerWriter& writer) {
+  std::vector<StoredImageRecord> images;
+  for (ShardFile& shard : shards.files) {
+    SCREE_TRY(append_images(shard, images.size(), writer));
+    std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(images));
+  }
+  if (images.size() == count) return images;
+  return fail(ErrorCode::kFormat, shards.files.front().map.path(), ": its shards have ", images.size(), " of ", count,
+              " images");
 }
 
 Result<void> MergePass::begin(const ShardFile& shard) {
@@ -155,6 +170,28 @@ Result<void> MergePass::finish() {
   SCREE_TRY(leave_page());
   while (checks_.size() > 0) SCREE_TRY(checks_.take());
   return geometry_.finish();
+}
+
+Result<void> merge_windows(ShardSet& shards, std::span<const WindowPlan> windows, std::span<const uint32_t> mesh_of,
+                           std::span<const format::MeshRecord> meshes, MergePass& pass,
+                           const std::function<Result<void>(const WindowPlan&, const WindowOutcome&)>& note) {
+  uint64_t number = 0;
+  for (ShardFile& shard : shards.files) {
+    SCREE_TRY(pass.begin(shard));
+    for (WindowOutcome& window : shard.share.windows) {
+      const uint32_t mesh = number < windows.size() ? mesh_of[windows[number].primitive] : format::kNone;
+      if (mesh == format::kNone || window.made_from != window_id(windows[number], mesh, meshes[mesh]) ||
+          !is_outcome_of(window, windows[number], mesh))
+        return fail(ErrorCode::kFormat, shard.map.path(), ": window ", number, " differs from the source");
+      SCREE_TRY(pass.add(window, meshes[mesh]));
+      SCREE_TRY(note(windows[number++], window));
+      window = {};
+    }
+  }
+  if (number != windows.size())
+    return fail(ErrorCode::kFormat, shards.files.back().map.path(), ": its shards have ", number, " of ",
+                windows.size(), " windows");
+  return pass.finish();
 }
 
 }  // namespace scree::convert

@@ -3,7 +3,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "format/container/container.h"
@@ -15,9 +17,10 @@
 
 namespace scree::convert {
 
-/// Appends the pages of a shard's images. Renumbers images, levels and pages for the file, which already has
-/// `first_image` images. Errors: kRange (a page that the shard does not have), kChecksum, and those of the writer.
-Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer);
+/// Appends the pages of all images of the shards, and returns the images: renumbered, with their levels and pages, for
+/// the file. `count`: of images. Errors: kRange (a page that a shard does not have), kFormat (another number of
+/// images), kChecksum, and those of the writer.
+Result<std::vector<StoredImageRecord>> append_images(ShardSet& shards, uint64_t count, format::ContainerWriter& writer);
 
 /// Appends the windows of shards, in order. One run fills pages greedily. So once a page of a shard begins where a page
 /// of the file begins, all later pages of that shard are pages of the file too. The last one is an exception, because
@@ -67,5 +70,13 @@ class MergePass {
   const format::MeshRecord* mesh_ = nullptr;             // of the previous chunk
   uint64_t mesh_triangles_ = 0;                          // of its chunks so far
 };
+
+/// Adds all windows of the shards, in order, and finishes the pass. Changes the shards. `windows`: the source's.
+/// `mesh_of`: the mesh of each primitive, an index of `meshes`. `note`: is called for each window that was added; its
+/// error ends the merge. Errors name the shard: kFormat (a window that differs from the source), those of the pass, and
+/// those of note().
+Result<void> merge_windows(ShardSet& shards, std::span<const WindowPlan> windows, std::span<const uint32_t> mesh_of,
+                           std::span<const format::MeshRecord> meshes, MergePass& pass,
+                           const std::function<Result<void>(const WindowPlan&, const WindowOutcome&)>& note);
 
 }  // namespace scree::convert
