@@ -241,18 +241,18 @@ struct UploadMemory {
   PageJoins::Sizes joins;  // none: split pages are joined on the CPU
 };
 
-/// For a plan. All pinned memory stays within `most`, and the device's within `free_bytes`.
+/// For a plan. All pinned memory stays within `most`, and the device's within half of `free_bytes`, because kernels
+/// need memory for their code.
 UploadMemory memory_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
                         uint64_t free_bytes) {
-  if (has_split_pages(plan)) {
-    StagingSizes half = most;
-    half.slots = std::max(most.slots / 2, 1u);
-    UploadMemory memory{staging_for(plan, reading, threads, half, true), {}};
-    const StagingSizes& ring = memory.ring;
-    memory.joins = PageJoins::sizes_for(ring.slot_bytes, ring.join_slot_bytes(), threads_for(reading, threads),
-                                          free_bytes, most.bytes() - std::min(most.bytes(), ring.bytes()));
-    if (memory.joins.any()) return memory;
-  }
+  StagingSizes half = most;
+  half.slots = std::max(most.slots / 2, 1u);
+  const StagingSizes ring = staging_for(plan, reading, threads, half, true);
+  const PageJoins::Work work{ring.slot_bytes, ring.join_slot_bytes(), count_join_slots(plan, ring.slot_bytes),
+                             threads_for(reading, threads)};
+  const PageJoins::Sizes joins =
+      PageJoins::sizes_for(work, free_bytes / 2, most.bytes() - std::min(most.bytes(), ring.bytes()));
+  if (joins.any()) return {ring, joins};
   return {staging_for(plan, reading, threads, most), {}};
 }
 

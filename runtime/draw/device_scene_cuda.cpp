@@ -370,7 +370,7 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   PageJoins::Sizes joins;
   if (!keeps_all)
     joins = PageJoins::sizes_for(ChunkSource(host), threads, (budget - least) / kJoinShare,
-                                   host_memory != 0 ? host_memory / kPinnedJoinShare : PageJoins::kMostPinned);
+                                 host_memory != 0 ? host_memory / kPinnedJoinShare : PageJoins::kMostPinned);
   for (;; joins = {}) {
     pages.bytes = budget - beside - joins.device_bytes();
     pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);

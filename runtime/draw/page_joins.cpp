@@ -14,8 +14,9 @@ using kernels::cuda_check;
 
 namespace {
 
-constexpr uint64_t kCopying = 8;  // slots that are copied while each thread fills another
-constexpr uint64_t kUnit = 256;   // slots, and everything in a region, begin at a multiple of it
+constexpr uint64_t kCopying = 8;                       // slots that are copied while each thread fills another
+constexpr uint64_t kUsualRegion = uint64_t{80} << 20;  // most bytes of a region, unless a page needs more
+constexpr uint64_t kUnit = 256;                        // slots, and everything in a region, begin at a multiple of it
 
 /// Device memory for a page: its streams take up to 1.2 times its bytes, and its vertices as much again, fewer if only
 /// a part of it is wanted.
@@ -39,17 +40,18 @@ uint64_t PageJoins::Sizes::pinned_bytes() const {
   return any() ? slots * whole_slot() + kMostLoads * sizeof(uint32_t) : 0;
 }
 
-PageJoins::Sizes PageJoins::sizes_for(uint64_t page_bytes, uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
-                                      uint64_t most_pinned) {
-  if (slot_bytes == 0) return {};
-  Sizes sizes{.slot_bytes = slot_bytes};
+PageJoins::Sizes PageJoins::sizes_for(const Work& work, uint64_t most_device, uint64_t most_pinned) {
+  if (work.slot_bytes == 0) return {};
+  Sizes sizes{.slot_bytes = work.slot_bytes};
   // Each thread fills a slot, while a few others are copied.
-  const uint64_t slots = std::min<uint64_t>(std::max(threads, 1u) + kCopying,
-                                            (most_pinned - std::min(most_pinned, kUnit)) / sizes.whole_slot());
-  const uint64_t wanted =
-      kMostRegions * std::max(kernels::kMostJoinSlots * usual_room(page_bytes), least_region(page_bytes));
-  const uint64_t device = std::min(most_device, wanted);
-  sizes.regions = static_cast<uint32_t>(std::min<uint64_t>(device / least_region(page_bytes), kMostRegions));
+  const uint64_t slots = std::min({uint64_t{std::max(work.threads, 1u)} + kCopying, work.slots,
+                                   (most_pinned - std::min(most_pinned, kUnit)) / sizes.whole_slot()});
+  const uint64_t room = usual_room(work.page_bytes), least = least_region(work.page_bytes);
+  const uint64_t region = std::max(std::min(kernels::kMostJoinSlots * room, kUsualRegion), least);
+  const uint64_t needed =
+      std::max(std::min(work.slots, kMostRegions * uint64_t{kernels::kMostJoinSlots}) * room, least);
+  const uint64_t device = std::min({most_device, kMostRegions * region, needed});
+  sizes.regions = static_cast<uint32_t>(std::min<uint64_t>(device / least, kMostRegions));
   if (sizes.regions == 0 || slots == 0) return {};
   sizes.region_bytes = device / sizes.regions / kUnit * kUnit;
   sizes.slots = static_cast<uint32_t>(slots);
@@ -100,8 +102,8 @@ Result<void> PageJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begu
 
 Result<void> PageJoins::end(cudaStream_t stream) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  // If the last slot filled its region, the open one may still be at work, with slots of earlier loads. Their places
-  // may hold other chunks by now, so it must not be launched again.
+  // If the last copy filled its region, the open one may still be at work, with pages of earlier loads. The places of
+  // their chunks may hold other chunks by now, so it must not be launched again.
   const cudaEvent_t begun = std::exchange(begun_, nullptr);
   if (!open_region().is_launched && !open_region().joins.empty()) SCREE_TRY(launch(open_region()));
   if (begun != nullptr) SCREE_TRY(cuda_check(cudaEventRecord(begun, stream), "recording a load"));
@@ -110,7 +112,7 @@ Result<void> PageJoins::end(cudaStream_t stream) {
   return {};
 }
 
-/// Joins the slots of the open region, and opens the next one, which may still be at work.
+/// Joins the pages of the open region, and opens the next one, which may still be at work.
 Result<void> PageJoins::launch(Region& region) {
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));  // each thread has a current device of its own
   region.is_launched = true;

@@ -35,14 +35,18 @@ class PageJoins final : public JoinTarget {
     uint64_t device_bytes() const { return regions * region_bytes; }
     uint64_t pinned_bytes() const;
   };
-  /// `page_bytes`: of the pages that share a slot, when they are joined. `slot_bytes`: of a slot. The result takes at
-  /// most `most_device` and `most_pinned` bytes.
-  static Sizes sizes_for(uint64_t page_bytes, uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
-                         uint64_t most_pinned);
+  struct Work {
+    uint64_t page_bytes;  // of the pages that share a slot, when they are joined
+    uint64_t slot_bytes;  // 0: nothing is joined
+    uint64_t slots;       // that are filled in all
+    uint32_t threads;     // that fill slots
+  };
+  /// The result takes at most `most_device` and `most_pinned` bytes.
+  static Sizes sizes_for(const Work& work, uint64_t most_device, uint64_t most_pinned);
   /// For the pages that `source` can send.
   static Sizes sizes_for(const ChunkSource& source, uint32_t threads, uint64_t most_device, uint64_t most_pinned) {
     const uint64_t slot_bytes = source.most_slot_bytes();
-    return sizes_for(slot_bytes / format::kMaxSplitRatio, slot_bytes, threads, most_device, most_pinned);
+    return sizes_for({slot_bytes / format::kMaxSplitRatio, slot_bytes, UINT64_MAX, threads}, most_device, most_pinned);
   }
 
   PageJoins() = default;
@@ -100,7 +104,7 @@ class PageJoins final : public JoinTarget {
   std::vector<uint32_t> copying_;             // in the order of their copies
   std::vector<kernels::DeviceEvent> copied_;  // by slot
   std::vector<Region> regions_;
-  uint32_t open_ = 0;  // the region that takes slots
+  uint32_t open_ = 0;  // the region that takes copies
   uint32_t load_ = 0;
   cudaEvent_t begun_ = nullptr;  // to be recorded
 };

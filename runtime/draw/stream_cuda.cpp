@@ -162,7 +162,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
   const uint64_t pool = residency.pool_bytes() / Residency::kAlignment * Residency::kAlignment;
   const PageJoins::Sizes sizes =
       PageJoins::sizes_for(source_, static_cast<uint32_t>(workers_.count()), pool / 2,
-                             std::min(host_bytes - end + join_sizes_.pinned_bytes(), PageJoins::kMostPinned));
+                           std::min(host_bytes - end + join_sizes_.pinned_bytes(), PageJoins::kMostPinned));
   if (!sizes.any()) return read_all();
   const uint64_t room = pool - sizes.device_bytes();
   PageJoins joins;

@@ -1,4 +1,4 @@
-// A device that joins split pages while a scene is streamed.
+// A device that joins split pages while a scene is uploaded or streamed.
 #pragma once
 
 #include <cstddef>

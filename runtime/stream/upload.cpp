@@ -76,9 +76,11 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   return jobs;
 }
 
-bool has_split(const DrawnPages& pages, const Job& job) {
+/// Whether a job has split pages that lie in a slot.
+bool is_join(const UploadPlan& plan, const Job& job) {
+  if (job.kind != Job::Kind::kPages) return false;
   for (uint64_t i = job.first; i < job.last; ++i)
-    if (pages.record(i).codec == format::PageCodec::kSplit) return true;
+    if (plan.pages()->record(i).codec == format::PageCodec::kSplit) return true;
   return false;
 }
 
@@ -182,7 +184,9 @@ class Uploader {
 
   Result<UploadCounts> run(uint32_t threads) {
     threads = threads_for(is_direct_ ? Reading::kDirect : Reading::kMapped, threads);
-    if (joins_ != nullptr) threads = std::min(threads, joins_->slot_count());
+    const auto joins = std::ranges::count_if(jobs_, [&](const Job& job) { return is_join(plan_, job); });
+    if (joins_ != nullptr && static_cast<uint64_t>(joins) > joins_->slot_count())
+      threads = std::min(threads, joins_->slot_count());  // a thread may hold a slot
     for (uint64_t i = 0; i < std::min<uint64_t>(threads, jobs_.size()); ++i) ask_for(i);
     bounce_.reserve(threads);  // room for all buffers, so that giving one back allocates nothing
     if (progress_ != nullptr) progress_->begin("upload", job_bytes());
@@ -254,9 +258,10 @@ class Uploader {
     if (is_good) return {};
     joins_ = nullptr;
     parallel_for(jobs_.size(), threads, [&](uint64_t i) {
-      if (failure.is_superseded(i) || jobs_[i].kind != Job::Kind::kPages || !has_split(*plan_.pages(), jobs_[i]))
-        return;
-      if (Result<void> done = run(jobs_[i]); !done) failure.report(i, done.error());
+      if (failure.is_superseded(i) || !is_join(plan_, jobs_[i])) return;
+      Result<void> done = run(jobs_[i]);
+      if (done) done = JobProgress::advance(progress_, 0);  // which may stop it
+      if (!done) failure.report(i, done.error());
     });
     return ring_.drain();
   }
@@ -293,7 +298,7 @@ class Uploader {
   };
 
   Result<void> copy_pages(const Job& job) {
-    if (joins_ != nullptr && has_split(*plan_.pages(), job)) {
+    if (joins_ != nullptr && is_join(plan_, job)) {
       const bool is_joined = SCREE_TRY(join_pages(job));
       if (is_joined) return {};
     }
@@ -521,10 +526,9 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
   return bytes >= least_bytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
 }
 
-bool has_split_pages(const UploadPlan& plan) {
-  for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
-    if (plan.pages()->record(i).codec == format::PageCodec::kSplit) return true;
-  return false;
+uint64_t count_join_slots(const UploadPlan& plan, uint64_t slot_bytes) {
+  const std::vector<Job> jobs = jobs_of(plan, slot_bytes);
+  return static_cast<uint64_t>(std::ranges::count_if(jobs, [&](const Job& job) { return is_join(plan, job); }));
 }
 
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
@@ -538,10 +542,11 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
       if (const uint64_t room = page_room(*plan.pages(), i); room <= most.slot_bytes)
         sizes.slot_bytes = std::max(sizes.slot_bytes, room);
   }
-  if (joins && is_direct) sizes.slot_bytes = std::max(sizes.slot_bytes / 2, format::kPageAlignment);
+  if (joins && is_direct)
+    sizes.slot_bytes = std::max(sizes.slot_bytes / 2 / format::kPageAlignment, uint64_t{1}) * format::kPageAlignment;
   uint64_t jobs = 0;
   for (const Job& job : jobs_of(plan, sizes.slot_bytes))
-    if (!joins || job.kind != Job::Kind::kPages || !has_split(*plan.pages(), job)) ++jobs;
+    if (!joins || !is_join(plan, job)) ++jobs;
   // Two slots per thread: one is filled while the other is copied.
   const uint64_t slots = std::min<uint64_t>(jobs, 2 * uint64_t{threads_for(reading, threads)});
   sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(slots, 1, most.slots));

@@ -82,8 +82,8 @@ class UploadPlan {
   uint64_t bytes_ = 0;
 };
 
-/// Whether any of the pages is split.
-bool has_split_pages(const UploadPlan& plan);
+/// How many slots of `slot_bytes` have split pages; larger pages have no slot.
+uint64_t count_join_slots(const UploadPlan& plan, uint64_t slot_bytes);
 
 /// Resolves kAuto for these pages. `least_bytes`: bytes of pages from which on kDirect is chosen.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,

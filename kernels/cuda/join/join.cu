@@ -9,9 +9,9 @@ namespace {
 
 using namespace joining;
 
-// Each warp of a block does one step for every cluster of a part. While one warp reads the triangles of a cluster, the
-// next reads the vertices of the cluster before, the next places those of the cluster before that, and the last writes
-// the cluster before that.
+// The warps of a block form a pipeline over the clusters of a part. In each step the first warp reads the triangles of
+// a cluster, the second the vertices of the cluster before, the third places the vertices of the one before that, and
+// the fourth writes the cluster that was placed in the step before.
 constexpr uint32_t kWarps = 4;
 constexpr uint32_t kThreads = kWarps * kWarpLanes;
 
@@ -50,8 +50,8 @@ class History {
   bool is_wide_;
 };
 
-/// Places the `vertices` vertices of a cluster. `history`: of the part. `first_vertex`: number of
-/// the cluster's first one in the part. `before`: the cluster before, or null.
+/// Places the `vertices` vertices of a cluster. `history`: of the part. `first_vertex`: number of the cluster's first
+/// one in the part. `before`: the cluster before, or null.
 __device__ void place(ReadVertices& in, uint32_t vertices, const PlacedCluster* before, History history,
                       uint32_t first_vertex, PlacedCluster& out, uint32_t lane) {
   for (uint32_t axis = 0; axis < 3; ++axis) {
@@ -140,21 +140,21 @@ __global__ void __launch_bounds__(kThreads) join_part(const __grid_constant__ Jo
   if (threadIdx.x < 2) block.is_bad[threadIdx.x] = 0;
   __syncthreads();
   for (uint32_t step = 0; step < task.cluster_count + kWarps - 1; ++step) {
-    const uint32_t number = step - warp;  // of this warp's cluster
+    const uint32_t cluster = step - warp;
     bool is_good = true;
-    if (number >= task.cluster_count) {
+    if (cluster >= task.cluster_count) {
       // The pipeline fills or drains.
     } else if (warp == 0) {
-      is_good = triangles.read(block.triangles[number % kWarps]);
+      is_good = triangles.read(block.triangles[cluster % kWarps]);
     } else if (warp == 1) {
-      is_good = vertices.read(block.triangles[number % kWarps], block.vertices[number % 2]);
+      is_good = vertices.read(block.triangles[cluster % kWarps], block.vertices[cluster % 2]);
     } else if (warp == 2) {
-      const uint32_t count = block.triangles[number % kWarps].vertex_count;
-      const PlacedCluster* const before = number != 0 ? &block.placed[(number - 1) % 2] : nullptr;
-      place(block.vertices[number % 2], count, before, history, first_vertex, block.placed[number % 2], lane);
+      const uint32_t count = block.triangles[cluster % kWarps].vertex_count;
+      const PlacedCluster* const before = cluster != 0 ? &block.placed[(cluster - 1) % 2] : nullptr;
+      place(block.vertices[cluster % 2], count, before, history, first_vertex, block.placed[cluster % 2], lane);
       first_vertex += count;
     } else {
-      is_good = writer.write(block.triangles[number % kWarps], block.placed[number % 2], number, lane);
+      is_good = writer.write(block.triangles[cluster % kWarps], block.placed[cluster % 2], cluster, lane);
     }
     if (!is_good && lane == 0) block.is_bad[step % 2] = 1;
     __syncthreads();

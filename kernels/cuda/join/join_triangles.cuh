@@ -51,7 +51,7 @@ struct Gate {
 };
 
 struct TriangleMemory {
-  Gate gates[kMost + 1];  // of each triangle; the last one is read, but not used
+  Gate gates[kMost + 1];  // of each triangle; the one behind the last triangle is read, but not used
   uint16_t links[kMost];  // of each vertex: next() of OpenEdges in the low byte, across() in the high byte
 };
 
@@ -201,7 +201,7 @@ class TriangleReader {
   TriangleMemory& memory_;
   uint32_t lane_;
   uint32_t left_;            // number of clusters whose gates are not requested yet
-  uint32_t next_[kStreams];  // as SplitPart::first, of the next cluster
+  uint32_t next_[kStreams];  // as SplitPart::first, of the next cluster; of triangles and gates, behind it
   uint32_t triangles_ = 0;   // of the next cluster
   uint32_t gates_[kRounds];  // of its triangles, one per lane
 };

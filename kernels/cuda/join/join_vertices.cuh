@@ -25,7 +25,7 @@ __device__ constexpr uint32_t thrice(uint32_t number) {
 
 /// How the vertices of a cluster are placed.
 struct ReadVertices {
-  Corners corners[kMost + 2];  // the last two are read, but not used
+  Corners corners[kMost + 2];  // the two behind the last vertex are read, but not used
   uint32_t values[3][kMost];
   uint32_t earlier[kMost];  // the part's number of an equal vertex in an earlier cluster, or kNothing
 };
@@ -194,7 +194,7 @@ class VertexReader {
   format::split_streams::StreamPlanes planes_;
   uint32_t lane_;
   uint32_t left_;              // number of clusters whose fresh bits are not requested yet
-  uint32_t next_[kStreams];    // as SplitPart::first, of the next cluster
+  uint32_t next_[kStreams];    // as SplitPart::first, of the next cluster; of vertices and fresh bits, behind it
   uint32_t fresh_[kRounds];    // whether the lane's vertices of the next cluster have residuals
   uint32_t first_vertex_ = 0;  // of the next cluster, in the part
   uint32_t named_ = 0;         // the vertex referred to last, in the part

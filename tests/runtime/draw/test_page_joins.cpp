@@ -139,7 +139,8 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
 TEST_CASE("no slot is joined twice", "[cuda][stream]") {
   if (!has_gpu()) return;
   constexpr uint32_t kSlots = kernels::kMostJoinSlots;
-  const PageJoins::Sizes sizes = PageJoins::sizes_for(2048, 4096, kSlots, uint64_t{1} << 20, uint64_t{1} << 20);
+  const PageJoins::Sizes sizes =
+      PageJoins::sizes_for({2048, 4096, UINT64_MAX, kSlots}, uint64_t{1} << 20, uint64_t{1} << 20);
   REQUIRE(sizes.region_bytes >= kSlots * 1024);
   const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(kSlots * 256, "a test"));
   const auto sync = [] { must(kernels::cuda_check(cudaDeviceSynchronize(), "a test")); };
@@ -182,7 +183,8 @@ TEST_CASE("any thread may start joins on the scene's GPU", "[cuda][stream]") {
   const EmulatedGpus gpus("9.0,9.0");
   if (!has_gpus(2)) return;
   must(set_current_gpu(1));
-  const PageJoins::Sizes sizes = PageJoins::sizes_for(2048, 4096, 2, uint64_t{1} << 20, uint64_t{64} << 10);
+  const PageJoins::Sizes sizes =
+      PageJoins::sizes_for({2048, 4096, UINT64_MAX, 2}, uint64_t{1} << 20, uint64_t{64} << 10);
   const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(sizes.slots * 256, "a test"));
   PageJoins joins;
   must(joins.open(sizes, 1, arena.data()));
@@ -196,7 +198,10 @@ TEST_CASE("any thread may start joins on the scene's GPU", "[cuda][stream]") {
   };
   for (uint32_t i = 0; i < sizes.slots; ++i) must(join(i));
   Result<void> joined;
-  std::thread([&] { joined = join(0); }).join();  // its current GPU is the first one
+  std::thread([&] {  // its current GPU is the first one
+    for (uint32_t i = 0; i < kernels::kMostJoinSlots && joined; ++i) joined = join(i % sizes.slots);
+  })
+      .join();
   CHECK(joined);
   must(joins.end(nullptr));
   must(kernels::cuda_check(cudaDeviceSynchronize(), "a test"));
@@ -283,14 +288,17 @@ TEST_CASE("memory for joining streamed chunks stays within its limits", "[stream
   for (const uint64_t device : {uint64_t{0}, uint64_t{1} << 20, uint64_t{8} << 20, uint64_t{1} << 30})
     for (const uint64_t pinned : {uint64_t{0}, uint64_t{3} << 20, uint64_t{1} << 30})
       for (const uint32_t threads : {1u, 16u, 128u}) {
-        const PageJoins::Sizes sizes = PageJoins::sizes_for(page / 2, page, threads, device, pinned);
-        CAPTURE(device, pinned, threads);
-        CHECK(sizes.any() == (device >= uint64_t{8} << 20 && pinned >= uint64_t{3} << 20));
-        CHECK(sizes.device_bytes() <= device);
-        CHECK(sizes.pinned_bytes() <= pinned);
-        if (sizes.any()) CHECK(sizes.region_bytes >= sizes.whole_slot());
+        for (const uint64_t slots : {uint64_t{0}, uint64_t{3}, UINT64_MAX}) {
+          const PageJoins::Sizes sizes = PageJoins::sizes_for({page / 2, page, slots, threads}, device, pinned);
+          CAPTURE(device, pinned, threads, slots);
+          CHECK(sizes.any() == (device >= uint64_t{8} << 20 && pinned >= uint64_t{3} << 20 && slots != 0));
+          CHECK(sizes.device_bytes() <= std::min(device, uint64_t{320} << 20));
+          CHECK(sizes.pinned_bytes() <= pinned);
+          CHECK(sizes.slots <= slots);
+          if (sizes.any()) CHECK(sizes.region_bytes >= sizes.whole_slot());
+        }
       }
-  CHECK_FALSE(PageJoins::sizes_for(0, 0, 4, page, page).any());
+  CHECK_FALSE(PageJoins::sizes_for({0, 0, 4, 4}, page, page).any());
 }
 
 }  // namespace scree::tests

@@ -73,8 +73,8 @@ class MergePass {
 
 /// Adds all windows of the shards, in order, and finishes the pass. Changes the shards. `windows`: the source's.
 /// `mesh_of`: the mesh of each primitive, an index of `meshes`. `note`: is called for each window that was added; its
-/// error ends the merge. Errors name the shard: kFormat (a window that differs from the source), those of the pass, and
-/// those of note().
+/// error ends the merge. Other errors name the shard: kFormat (a window that differs from the source), and those of the
+/// pass.
 Result<void> merge_windows(ShardSet& shards, std::span<const WindowPlan> windows, std::span<const uint32_t> mesh_of,
                            std::span<const format::MeshRecord> meshes, MergePass& pass,
                            const std::function<Result<void>(const WindowPlan&, const WindowOutcome&)>& note);
