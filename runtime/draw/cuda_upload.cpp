@@ -245,15 +245,15 @@ struct UploadMemory {
 /// need memory for their code.
 UploadMemory memory_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
                         uint64_t free_bytes) {
+  const StagingSizes all = staging_for(plan, reading, threads, most);
+  if (all.join_jobs == 0) return {all, {}};
   StagingSizes half = most;
   half.slots = std::max(most.slots / 2, 1u);
   const StagingSizes ring = staging_for(plan, reading, threads, half, true);
-  const PageJoins::Work work{ring.slot_bytes, ring.join_slot_bytes(), count_join_slots(plan, ring.slot_bytes),
-                             threads_for(reading, threads)};
+  const PageJoins::Work work{ring.slot_bytes, ring.join_slot_bytes(), ring.join_jobs, threads_for(reading, threads)};
   const PageJoins::Sizes joins =
       PageJoins::sizes_for(work, free_bytes / 2, most.bytes() - std::min(most.bytes(), ring.bytes()));
-  if (joins.any()) return {ring, joins};
-  return {staging_for(plan, reading, threads, most), {}};
+  return joins.any() ? UploadMemory{ring, joins} : UploadMemory{all, {}};
 }
 
 /// Device memory of the texture cache and the pager, without the room for pages.

@@ -1,7 +1,6 @@
 #include "runtime/draw/page_joins.h"
 
 #include <algorithm>
-#include <cassert>
 #include <cstring>
 #include <utility>
 
@@ -73,13 +72,9 @@ Result<void> PageJoins::open(const Sizes& sizes, int device, std::byte* arena, s
     SCREE_TRY(memory_.reserve(sizes.device_bytes(), "allocating memory to join pages"));
     regions = memory_.data();
   }
-  free_.reserve(sizes.slots);  // so that giving one back allocates nothing
-  copying_.reserve(sizes.slots);
+  slots_.open(sizes.slots);
   copied_.resize(sizes.slots);
-  for (uint32_t slot = 0; slot < sizes.slots; ++slot) {
-    SCREE_TRY(copied_[slot].make(cudaEventDisableTiming | cudaEventBlockingSync));
-    free_.push_back(slot);
-  }
+  for (kernels::DeviceEvent& event : copied_) SCREE_TRY(event.make(cudaEventDisableTiming | cudaEventBlockingSync));
   regions_.resize(sizes.regions);
   for (Region& region : regions_) {
     SCREE_TRY(region.stream.make(cudaStreamNonBlocking));
@@ -136,30 +131,20 @@ Result<void> PageJoins::wait_for(std::unique_lock<std::mutex>& lock, Region& reg
 }
 
 Result<JoinTarget::Slot> PageJoins::take() {
-  uint32_t number = 0;
-  bool is_free = false;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    is_free = !free_.empty();
-    std::vector<uint32_t>& from = is_free ? free_ : copying_;
-    assert(!from.empty());  // or too many threads have slots
-    number = from.front();
-    from.erase(from.begin());
+  const SlotQueue::Taken taken = slots_.take();
+  const Result<void> copied = taken.is_copying
+                                  ? cuda_check(cudaEventSynchronize(copied_[taken.slot]), "copying pages to the device")
+                                  : Result<void>();
+  if (!copied) {
+    slots_.give_back(taken.slot);
+    return copied.error();
   }
   const uint64_t bytes = sizes_.whole_slot();
-  const Slot slot{number, {pinned_.data() + number * bytes, bytes}};
-  if (is_free) return slot;
-  if (const Result<void> done = cuda_check(cudaEventSynchronize(copied_[number]), "copying pages to the device");
-      !done) {
-    give_back(slot);
-    return done.error();
-  }
-  return slot;
+  return Slot{taken.slot, {pinned_.data() + taken.slot * bytes, bytes}};
 }
 
 void PageJoins::give_back(const Slot& slot) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  free_.push_back(slot.number);
+  slots_.give_back(slot.number);
 }
 
 Result<bool> PageJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan& plan) {
@@ -190,7 +175,7 @@ Result<bool> PageJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan& p
                           static_cast<uint32_t>(plan.tasks().size()), memory,
                           reinterpret_cast<uint32_t*>(memory + history_at), flag_of(load_)});
   if (region.joins.size() == kernels::kMostJoinSlots) SCREE_TRY(launch(region));  // after an error it is the caller's
-  copying_.push_back(slot.number);
+  slots_.add_copying(slot.number);
   return true;
 }
 

@@ -15,6 +15,7 @@
 #include "kernels/cuda/join/join.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/join_target.h"
+#include "runtime/stream/slot_queue.h"
 #include "runtime/stream/streamer.h"
 
 namespace scree::runtime {
@@ -99,9 +100,8 @@ class PageJoins final : public JoinTarget {
   kernels::PinnedBuffer pinned_;  // slots
   kernels::PinnedBuffer flags_;   // for each load, set by kernels
   kernels::DeviceBuffer memory_;  // of the regions, if it is allocated here
-  std::mutex mutex_;              // guards the rest
-  std::vector<uint32_t> free_;
-  std::vector<uint32_t> copying_;             // in the order of their copies
+  SlotQueue slots_;
+  std::mutex mutex_;                          // guards the rest, except copied_
   std::vector<kernels::DeviceEvent> copied_;  // by slot
   std::vector<Region> regions_;
   uint32_t open_ = 0;  // the region that takes copies

@@ -11,7 +11,7 @@
 namespace scree::runtime {
 
 /// Slots of host memory, and a device that copies them and joins their pages. Thread-safe. A thread may hold one slot
-/// at a time, and at most as many threads as there are slots may hold one.
+/// at a time.
 class JoinTarget {
  public:
   struct Slot {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cassert>
-#include <condition_variable>
 #include <cstring>
 #include <mutex>
 #include <new>
@@ -15,6 +14,7 @@
 #include "format/bytes.h"
 #include "runtime/files/direct_file.h"
 #include "runtime/stream/join_plan.h"
+#include "runtime/stream/slot_queue.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -84,14 +84,10 @@ bool is_join(const UploadPlan& plan, const Job& job) {
   return false;
 }
 
-/// Free slots, then slots whose copies are running, in the order of their start.
+/// The slots of a target.
 class SlotRing {
  public:
-  SlotRing(UploadTarget& target, uint32_t slots) : target_(target) {
-    free_.reserve(slots);  // so that giving one back allocates nothing
-    copying_.reserve(slots);
-    for (uint32_t i = 0; i < slots; ++i) free_.push_back(i);
-  }
+  SlotRing(UploadTarget& target, uint32_t slots) : target_(target) { queue_.open(slots); }
 
   /// A slot of which no copy is running. Gives it back, unless a copy was started.
   class Taken {
@@ -100,15 +96,14 @@ class SlotRing {
     Taken(Taken&& other) noexcept : ring_(std::exchange(other.ring_, nullptr)), slot_(other.slot_) {}
     Taken& operator=(Taken&&) = delete;
     ~Taken() {
-      if (ring_ != nullptr) ring_->add(slot_, ring_->free_);
+      if (ring_ != nullptr) ring_->queue_.give_back(slot_);
     }
 
-    uint32_t number() const { return slot_; }
     std::span<std::byte> memory(uint64_t bytes) const { return {ring_->target_.slot(slot_), bytes}; }
     /// Starts a copy.
     Result<void> copy(uint64_t to, uint64_t bytes) {
       SCREE_TRY(ring_->target_.copy(slot_, to, bytes));
-      ring_->add(slot_, ring_->copying_);
+      ring_->queue_.add_copying(slot_);
       ring_ = nullptr;
       return {};
     }
@@ -120,42 +115,25 @@ class SlotRing {
 
   /// Waits until there is a slot.
   Result<Taken> take() {
-    std::unique_lock<std::mutex> lock(mutex_);
-    changed_.wait(lock, [this] { return !free_.empty() || !copying_.empty(); });
-    const bool is_free = !free_.empty();
-    std::vector<uint32_t>& from = is_free ? free_ : copying_;
-    Taken taken(*this, from.front());
-    from.erase(from.begin());
-    lock.unlock();
-    if (!is_free) SCREE_TRY(target_.wait(taken.number()));
+    const SlotQueue::Taken next = queue_.take();
+    Taken taken(*this, next.slot);
+    if (next.is_copying) SCREE_TRY(target_.wait(next.slot));
     return Result<Taken>(std::move(taken));
   }
 
   /// Waits for all copies, also after an error, because the slots' memory is about to be freed.
   Result<void> drain() {
     Result<void> result;
-    for (const uint32_t slot : copying_) {
-      if (Result<void> done = target_.wait(slot); !done && result) result = done;
-      free_.push_back(slot);
+    while (const std::optional<uint32_t> slot = queue_.take_copying()) {
+      if (Result<void> done = target_.wait(*slot); !done && result) result = done;
+      queue_.give_back(*slot);
     }
-    copying_.clear();
     return result;
   }
 
  private:
-  void add(uint32_t slot, std::vector<uint32_t>& to) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      to.push_back(slot);
-    }
-    changed_.notify_one();
-  }
-
   UploadTarget& target_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::vector<uint32_t> free_;
-  std::vector<uint32_t> copying_;
+  SlotQueue queue_;
 };
 
 class Uploader {
@@ -184,9 +162,6 @@ class Uploader {
 
   Result<UploadCounts> run(uint32_t threads) {
     threads = threads_for(is_direct_ ? Reading::kDirect : Reading::kMapped, threads);
-    const auto joins = std::ranges::count_if(jobs_, [&](const Job& job) { return is_join(plan_, job); });
-    if (joins_ != nullptr && static_cast<uint64_t>(joins) > joins_->slot_count())
-      threads = std::min(threads, joins_->slot_count());  // a thread may hold a slot
     for (uint64_t i = 0; i < std::min<uint64_t>(threads, jobs_.size()); ++i) ask_for(i);
     bounce_.reserve(threads);  // room for all buffers, so that giving one back allocates nothing
     if (progress_ != nullptr) progress_->begin("upload", job_bytes());
@@ -526,11 +501,6 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
   return bytes >= least_bytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
 }
 
-uint64_t count_join_slots(const UploadPlan& plan, uint64_t slot_bytes) {
-  const std::vector<Job> jobs = jobs_of(plan, slot_bytes);
-  return static_cast<uint64_t>(std::ranges::count_if(jobs, [&](const Job& job) { return is_join(plan, job); }));
-}
-
 StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
                          bool joins) {
   const bool is_direct = reading == Reading::kDirect;
@@ -544,9 +514,10 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
   }
   if (joins && is_direct)
     sizes.slot_bytes = std::max(sizes.slot_bytes / 2 / format::kPageAlignment, uint64_t{1}) * format::kPageAlignment;
-  uint64_t jobs = 0;
-  for (const Job& job : jobs_of(plan, sizes.slot_bytes))
-    if (!joins || !is_join(plan, job)) ++jobs;
+  const std::vector<Job> all = jobs_of(plan, sizes.slot_bytes);
+  const auto is_join_job = [&](const Job& job) { return is_join(plan, job); };
+  sizes.join_jobs = static_cast<uint64_t>(std::ranges::count_if(all, is_join_job));
+  const uint64_t jobs = all.size() - (joins ? sizes.join_jobs : 0);
   // Two slots per thread: one is filled while the other is copied.
   const uint64_t slots = std::min<uint64_t>(jobs, 2 * uint64_t{threads_for(reading, threads)});
   sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(slots, 1, most.slots));

@@ -23,6 +23,7 @@ namespace scree::runtime {
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
+  uint64_t join_jobs = 0;  // by staging_for(): how many slots' worth of data have split pages
 
   uint64_t bytes() const { return slot_bytes * slots; }
   /// Bytes of a JoinTarget's slots. The split pages that make a slot's bytes rarely take more.
@@ -81,9 +82,6 @@ class UploadPlan {
   std::vector<uint64_t> page_offsets_;
   uint64_t bytes_ = 0;
 };
-
-/// How many slots of `slot_bytes` have split pages; larger pages have no slot.
-uint64_t count_join_slots(const UploadPlan& plan, uint64_t slot_bytes);
 
 /// Resolves kAuto for these pages. `least_bytes`: bytes of pages from which on kDirect is chosen.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,

@@ -14,13 +14,14 @@
 
 namespace scree::convert {
 
-/// Of the geometry. `plans`: by mesh. `mesh_of`: the mesh of each primitive.
+/// A bound for the geometry. `plans`: by mesh. `mesh_of`: the mesh of each primitive.
 uint64_t most_geometry_bytes(const ConvertOptions& options, std::span<const WindowPlan> windows,
                              std::span<const MeshPlan> plans, std::span<const uint32_t> mesh_of);
 /// The same from the document alone. `wanted`: by primitive.
 uint64_t most_geometry_bytes(const SourceScene& scene, const std::vector<bool>& wanted, const MemoryPlan& memory);
 
-/// Of the whole file, with a quarter as a reserve. `geometry`, `masks`, `strings`: the bytes of these parts.
+/// A bound for the whole file: the bytes of its parts, and a quarter as a reserve. `geometry`, `masks` and `strings`
+/// are the bytes of three of the parts.
 uint64_t most_file_bytes(uint64_t geometry, const SourceScene& scene, const ImagePlan& images, uint64_t masks,
                          uint64_t strings);
 
